@@ -1,0 +1,31 @@
+"""The summary of a run: one object for ``--json``, ``summary.json`` and the recording."""
+
+import msgspec
+
+
+class Summary(msgspec.Struct, frozen=True, kw_only=True):
+    """How a run ended and what it measured; ``None`` where there was nothing to measure."""
+
+    outcome: str
+    """One word: arrived, stood_down, refused ..."""
+    reason: str
+    """For people: why it ended."""
+    exit_code: int
+    session_dir: str | None = None
+    duration_s: float = 0.0
+    distance_flown_m: float = 0.0
+    final_distance_m: float | None = None
+    """To the target."""
+    min_clearance_m: float | None = None
+    max_speed_mps: float | None = None
+    setpoints_sent: int = 0
+    setpoint_rate_hz: float | None = None
+    jitter_p99_ms: float | None = None
+    """Of the interval between setpoints, around its nominal value."""
+    latency_p50_ms: float | None = None
+    """From the arrival of a position to the setpoint on the wire."""
+    latency_p99_ms: float | None = None
+    late_ticks: int = 0
+    shield_interventions: int = 0
+    takeovers: int = 0
+    link_loss_percent: float | None = None
