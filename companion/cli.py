@@ -1,6 +1,207 @@
-"""The ``companion`` command."""
+"""The ``companion`` command: options in, one line of error out, exit codes as in ``errors``."""
+
+import logging
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import tyro
+
+from companion.config import RunConfig, load_run_config
+from companion.errors import CompanionError, UsageError
+from companion.guidance.situation import EXIT_CODES, Outcome
+from companion.session.summary import Summary
+
+_USAGE = """\
+usage: companion COMMAND [OPTIONS]      (companion COMMAND --help says more)
+
+  run       fly a policy on a vehicle
+  mock      start the built-in mock vehicle
+  review    print and open what a run has left behind
+  maps      check or show a map file
+  actors    show an actor file and its contract
+"""
 
 
-def main() -> None:
-    """Run the command line."""
-    raise SystemExit("companion: not built yet")
+@dataclass(frozen=True)
+class ReviewArgs:
+    """Print the report of a session and open its recording."""
+
+    session: tyro.conf.Positional[Path]
+    """Session folder, as named by ``companion run``."""
+    text: bool = False
+    """Only print the report."""
+    png: Path | None = None
+    """Render the recording into this picture, without a display."""
+    at: float | None = None
+    """Time of the picture (s since the start); by default the end."""
+
+
+@dataclass(frozen=True)
+class MapsArgs:
+    """Check a map file, or draw it."""
+
+    action: tyro.conf.Positional[Literal["check", "show"]]
+    map: tyro.conf.Positional[str]
+    """Map file, or the name of a bundled map."""
+    png: Path | None = None
+    """show: write the picture here (default NAME.png)."""
+    rerun: bool = False
+    """show: open the map in the Rerun viewer as well."""
+
+
+@dataclass(frozen=True)
+class ActorsArgs:
+    """Show what an actor was made for."""
+
+    action: tyro.conf.Positional[Literal["show"]]
+    actor: tyro.conf.Positional[str]
+    """Actor file (.onnx), or the name of a bundled actor."""
+    json: Annotated[bool, tyro.conf.arg(help="Print the contract as JSON.")] = False
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the command line and exit with the code of ``companion.errors``."""
+    sys.exit(_main(list(sys.argv[1:] if argv is None else argv)))
+
+
+def _main(argv: list[str]) -> int:
+    commands: dict[str, Callable[[list[str]], int]] = {
+        "run": _run,
+        "mock": _mock,
+        "review": _review,
+        "maps": _maps,
+        "actors": _actors,
+    }
+    if not argv or argv[0] in ("-h", "--help", "help"):
+        print(_USAGE, end="")
+        return 0 if argv else UsageError.exit_code
+    if argv[0] == "--version":
+        from importlib.metadata import version
+
+        print(f"mavlink-companion {version('mavlink-companion')}")
+        return 0
+    command = commands.get(argv[0])
+    if command is None:
+        _complain(f"no such command {argv[0]!r}; one of {', '.join(commands)}")
+        return UsageError.exit_code
+    try:
+        return command(argv[1:])
+    except CompanionError as error:
+        _complain(str(error))
+        return error.exit_code
+    except KeyboardInterrupt:
+        _complain("interrupted")
+        return EXIT_CODES[Outcome.STOPPED]
+
+
+def _run(argv: list[str]) -> int:
+    config = _parse_run(argv)
+    logging.basicConfig(
+        level=logging.INFO, stream=sys.stderr, format="%(relativeCreated)8.0f ms  %(message)s"
+    )
+    try:
+        from companion.run import run
+
+        summary = run(config)
+    except (CompanionError, KeyboardInterrupt) as error:
+        if config.json:
+            _print_json(_failed(error))
+        raise
+    if config.json:
+        _print_json(summary)
+    else:
+        from companion.session.review import review
+
+        print(review(Path(summary.session_dir or ".")))
+    if summary.exit_code:
+        _complain(f"{summary.outcome}: {summary.reason}")
+    return summary.exit_code
+
+
+def _parse_run(argv: list[str]) -> RunConfig:
+    """Return the options: the command line over the file of ``--config`` over the defaults."""
+    config = tyro.cli(RunConfig, args=argv, prog="companion run")
+    if config.config is None:
+        return config
+    from_file = replace(load_run_config(config.config), config=config.config)
+    return tyro.cli(RunConfig, args=argv, prog="companion run", default=from_file)
+
+
+def _mock(argv: list[str]) -> int:
+    """Start the mock as the program of its own that it is; nothing of it is imported here."""
+    try:
+        return subprocess.call([sys.executable, "-m", "sim.mock", *argv])
+    except KeyboardInterrupt:
+        return EXIT_CODES[Outcome.STOPPED]
+
+
+def _review(argv: list[str]) -> int:
+    args = tyro.cli(ReviewArgs, args=argv, prog="companion review")
+    from companion.session import review
+
+    print(review.review(args.session))
+    if args.png is not None:
+        review.render_png(args.session, args.png, at_s=args.at)
+        print(f"wrote {args.png}")
+    elif not args.text:
+        print(review.open_viewer(args.session))
+    return 0
+
+
+def _maps(argv: list[str]) -> int:
+    args = tyro.cli(MapsArgs, args=argv, prog="companion maps")
+    from companion.world.maps import describe_map, load_map
+
+    city = load_map(args.map)
+    print(describe_map(city))
+    if args.action == "show":
+        from companion.world.draw import draw_map
+
+        png = args.png or Path(f"{city.name}.png")
+        draw_map(city, png)
+        print(f"wrote {png}")
+        if args.rerun:
+            from companion.session.review import show_map
+
+            show_map(city)
+    return 0
+
+
+def _actors(argv: list[str]) -> int:
+    args = tyro.cli(ActorsArgs, args=argv, prog="companion actors")
+    from companion.policy.actor import Actor, describe_actor
+
+    actor = Actor.load(args.actor)
+    if args.json:
+        print(msgspec.json.format(msgspec.json.encode(actor.contract), indent=2).decode())
+    else:
+        print(describe_actor(actor))
+    return 0
+
+
+def _failed(error: BaseException) -> Summary:
+    """Return the summary of a run that ended before the loop began."""
+    if not isinstance(error, CompanionError):
+        outcome, code = Outcome.STOPPED, EXIT_CODES[Outcome.STOPPED]
+    else:
+        by_code = {4: Outcome.LINK_LOST, 5: Outcome.REFUSED, 6: Outcome.COMMAND_FAILED}
+        code = error.exit_code
+        outcome = by_code.get(code, Outcome.FAILED)
+    return Summary(outcome=outcome, reason=str(error) or "interrupted", exit_code=code)
+
+
+def _print_json(summary: Summary) -> None:
+    print(msgspec.json.encode(summary).decode(), flush=True)
+
+
+def _complain(text: str) -> None:
+    print(f"companion: {text}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,297 @@
+"""The loop: wait, look, decide, send, record. One policy step, one frame; nothing is re-sent.
+
+The same loop flies a real autopilot, the mock vehicle on a socket and ``sim.vehicle``. It holds
+no thread and reads no clock: time is the vehicle's. When the loop stops, the stream stops.
+"""
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.arrays import FloatArray
+from companion.guidance.guidance import Proposal, propose
+from companion.guidance.shield import Shield, ShieldDecision
+from companion.guidance.situation import Directive, Outcome, Phase, Plan, Situation, Stream
+from companion.guidance.supervisor import Supervisor
+from companion.guidance.target import TargetEstimate, TargetTier
+from companion.metrics import Metrics
+from companion.policy.actor import Actor
+from companion.positions import Pose, Positions, TargetSource
+from companion.preflight import refusal, target_problem, waiting_for
+from companion.recording import tick_record
+from companion.session.records import Event, Record
+from companion.session.summary import Summary
+from companion.vehicle import (
+    EventKind,
+    FlightMode,
+    LandedState,
+    RequestKind,
+    Severity,
+    Vehicle,
+    VehicleEvent,
+    VehicleState,
+)
+from companion.world.maps import Map
+
+HEARTBEAT_PERIOD_S = 1.0
+ARRIVAL_RADIUS_M = 5.0
+"""PAPER E9: the paper gives no radius; its text admits a lack of precision."""
+MOVING_TARGET_MPS = 0.2
+ABANDON_S = 2.0
+_ZERO = np.zeros(3)
+_LOG = logging.getLogger("companion")
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """What is to be flown."""
+
+    map: Map
+    actor: Actor
+    plan: Plan
+    target: TargetSource
+    v_max_mps: float
+    rate_hz: float
+
+
+class Flight:
+    """One run of the loop over one vehicle."""
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        mission: Mission,
+        shield: Shield,
+        *,
+        record: Callable[[Record], None],
+        stop_requested: Callable[[], bool],
+        session_start_s: float | None = None,
+    ) -> None:
+        """Prepare a flight; nothing is sent before ``run``.
+
+        Args:
+            vehicle: The backend, already found.
+            mission: What is to be flown.
+            shield: Stands between the policy and the wire.
+            record: Takes a copy of everything; must never block.
+            stop_requested: Asked once a tick; ``True`` ends the flight in an orderly way.
+            session_start_s: Zero of the recorded times; now, if not given.
+        """
+        self._vehicle, self._mission, self._shield = vehicle, mission, shield
+        self._record, self._stop_requested = record, stop_requested
+        self._start_s = vehicle.now_s()
+        self._session_start_s = self._start_s if session_start_s is None else session_start_s
+        self._positions = Positions(mission.map, mission.target)
+        self._supervisor = Supervisor(mission.plan, now_s=self._start_s)
+        self._metrics = Metrics(start_s=self._start_s, rate_hz=mission.rate_hz)
+        self._policy_failures = 0
+        self._heartbeat_due_s = self._start_s
+        self._last_line = ""
+
+    def run(self) -> Summary:
+        """Fly until the supervisor says it is over; return what happened."""
+        period_s = 1.0 / self._mission.rate_hz
+        tick = 0
+        while True:
+            deadline_s = self._start_s + tick * period_s
+            self._vehicle.wait_until(deadline_s)
+            directive = self._step(deadline_s)
+            if directive.outcome is not None:
+                return self.finish(directive.outcome, directive.reason)
+            # Absolute deadlines: a late tick is counted and skipped, never made up for.
+            due = math.ceil((self._vehicle.now_s() - self._start_s) / period_s - 1e-6)
+            self._metrics.late_ticks += max(0, due - tick - 1)
+            tick = max(tick + 1, due)
+
+    def abandon(self) -> None:
+        """Ask the vehicle to hold after an error of our own, streaming zero until it does."""
+        if self._supervisor.phase not in (Phase.ENGAGED, Phase.HOLDING, Phase.HANDING_OVER):
+            return
+        self._vehicle.request(RequestKind.HOLD)
+        give_up_s = self._vehicle.now_s() + ABANDON_S
+        while self._vehicle.now_s() < give_up_s:
+            state = self._vehicle.state()
+            if state is None or state.mode is not FlightMode.EXTERNAL:
+                return
+            self._vehicle.send_velocity(_ZERO)
+            self._vehicle.wait_until(self._vehicle.now_s() + 1.0 / self._mission.rate_hz)
+
+    def _step(self, deadline_s: float) -> Directive:
+        now_s, state = self._vehicle.now_s(), self._vehicle.state()
+        pose, frame_moved = self._positions.update(state, self._vehicle.targets())
+        events = self._take_events(now_s)
+        target = self._positions.target(now_s)
+        proposal = self._propose(pose, target)
+        situation = self._situation(now_s, state, pose, frame_moved, target, events)
+
+        directive = self._supervisor.update(situation)
+        if directive.request is not None:
+            self._vehicle.request(directive.request, altitude_m=self._mission.plan.takeoff_m)
+        decision = self._guard(directive, pose, proposal)
+        sent = self._send(directive, decision)
+        sent_s = self._vehicle.now_s()
+        if now_s >= self._heartbeat_due_s:
+            self._vehicle.send_heartbeat(directive.health)
+            self._heartbeat_due_s = max(self._heartbeat_due_s + HEARTBEAT_PERIOD_S, now_s)
+
+        latency_ms = None
+        if sent is not None:
+            # Reaction time: from the moment the position was there and the tick was due.
+            asked_s = deadline_s if state is None else max(deadline_s, state.time_s)
+            latency_ms = 1e3 * (sent_s - asked_s)
+            self._metrics.sent(sent_s, latency_ms)
+        self._count(directive, situation, pose, decision)
+        self._announce(directive, now_s)
+        self._record(
+            tick_record(
+                start_s=self._session_start_s,
+                situation=situation,
+                directive=directive,
+                pose=pose,
+                target=target,
+                proposal=proposal,
+                decision=decision,
+                sent_enu_mps=sent,
+                latency_ms=latency_ms,
+                lateness_ms=1e3 * (now_s - deadline_s),
+            )
+        )
+        return directive
+
+    def _situation(
+        self,
+        now_s: float,
+        state: VehicleState | None,
+        pose: Pose | None,
+        frame_moved: bool,
+        target: TargetEstimate,
+        events: list[VehicleEvent],
+    ) -> Situation:
+        mission, known = self._mission, target.position_enu_m
+        distance_m = None
+        if pose is not None and known is not None:
+            distance_m = float(np.linalg.norm(known - pose.position_enu_m))
+        trusted = target.tier in (TargetTier.FRESH, TargetTier.COAST)
+        foreign = [event.text for event in events if event.kind is EventKind.FOREIGN_SETPOINT]
+        return Situation(
+            now_s=now_s,
+            vehicle=state,
+            request=self._vehicle.request_status(),
+            target=target.tier,
+            target_age_s=0.0 if known is None else target.age_s,
+            target_moving=bool(np.linalg.norm(target.velocity_enu_mps) > MOVING_TARGET_MPS),
+            distance_m=distance_m,
+            arrived=trusted and distance_m is not None and distance_m < ARRIVAL_RADIUS_M,
+            height_m=0.0 if pose is None else pose.height_m,
+            waiting_for=waiting_for(state, pose, mission.target, target),
+            refusal=refusal(
+                mission.map,
+                pose,
+                target,
+                takeoff_m=mission.plan.takeoff_m,
+                margin_m=self._shield.limits.margin_m,
+            )
+            if self._supervisor.phase is Phase.PREFLIGHT
+            else "",
+            foreign_setpoint=foreign[-1] if foreign else "",
+            rebooted=any(event.kind is EventKind.REBOOT for event in events),
+            frame_moved=frame_moved,
+            policy_failures=self._policy_failures,
+            stop_requested=self._stop_requested(),
+        )
+
+    def _propose(self, pose: Pose | None, target: TargetEstimate) -> Proposal | None:
+        if pose is None or target.position_enu_m is None:
+            return None
+        proposal = propose(
+            self._mission.actor,
+            self._mission.map,
+            position_enu_m=pose.position_enu_m,
+            velocity_enu_mps=pose.velocity_enu_mps,
+            target_enu_m=target.position_enu_m,
+            v_max_mps=self._mission.v_max_mps,
+        )
+        usable = bool(np.isfinite(proposal.velocity_enu_mps).all())
+        self._policy_failures = 0 if usable else self._policy_failures + 1
+        return proposal
+
+    def _guard(
+        self, directive: Directive, pose: Pose | None, proposal: Proposal | None
+    ) -> ShieldDecision | None:
+        """Return what the shield makes of the proposal, while the policy flies."""
+        if directive.stream is not Stream.POLICY or pose is None or proposal is None:
+            return None
+        return self._shield.check(
+            proposal.velocity_enu_mps,
+            position_enu_m=pose.position_enu_m,
+            velocity_now_enu_mps=pose.velocity_enu_mps,
+        )
+
+    def _send(self, directive: Directive, decision: ShieldDecision | None) -> FloatArray | None:
+        """Send at most one setpoint; return its velocity on the map, ``None`` if none left."""
+        tie = self._positions.tie
+        if directive.stream is Stream.NOTHING or self._mission.plan.shadow:
+            return None
+        if decision is None or tie is None:
+            self._vehicle.send_velocity(_ZERO)
+            return _ZERO
+        self._vehicle.send_velocity(tie.velocity_to_local(decision.velocity_enu_mps))
+        return decision.velocity_enu_mps
+
+    def _take_events(self, now_s: float) -> list[VehicleEvent]:
+        events = list(self._vehicle.take_events())
+        for event in events:
+            if event.kind is EventKind.REPOSITION and event.target is not None:
+                place = self._positions.on_map(event.target.position)
+                problem = "map and earth are not tied yet"
+                if place is not None:
+                    problem = target_problem(self._mission.map, place)
+                if place is None or problem:
+                    self._vehicle.say(f"target refused: {problem}", Severity.WARNING)
+                else:
+                    self._positions.track.set_static(place)
+            self._log(event.text, event.severity, now_s, event.kind is EventKind.STATUS_TEXT)
+        return events
+
+    def _count(
+        self,
+        directive: Directive,
+        situation: Situation,
+        pose: Pose | None,
+        decision: ShieldDecision | None,
+    ) -> None:
+        state = situation.vehicle
+        self._metrics.final_distance_m = situation.distance_m
+        if pose is not None and state is not None and state.landed is LandedState.IN_AIR:
+            self._metrics.moved(pose.position_enu_m, pose.velocity_enu_mps)
+        if decision is not None:
+            self._metrics.cleared(decision.clearance_m)
+            self._metrics.shield_interventions += decision.intervened
+        self._metrics.takeovers += directive.phase is Phase.STOOD_DOWN
+
+    def _announce(self, directive: Directive, now_s: float) -> None:
+        """Say a change of phase or reason once: in the log, in STATUSTEXT, in the recording."""
+        line = f"{directive.phase}: {directive.reason}"
+        if line == self._last_line:
+            return
+        self._last_line = line
+        grave = directive.phase in (Phase.STOOD_DOWN, Phase.HOLDING, Phase.HANDING_OVER)
+        severity = Severity.WARNING if grave else Severity.INFO
+        self._log(line, severity, now_s, False)
+        if not self._mission.plan.shadow:
+            self._vehicle.say(line, severity)
+
+    def _log(self, text: str, severity: Severity, now_s: float, from_autopilot: bool) -> None:
+        level = logging.WARNING if severity <= Severity.WARNING else logging.INFO
+        _LOG.log(level, "%s%s", "autopilot: " if from_autopilot else "", text)
+        source = "autopilot" if from_autopilot else "companion"
+        self._record(Event(now_s - self._session_start_s, severity, source, text))
+
+    def finish(self, outcome: Outcome, reason: str) -> Summary:
+        """Return the summary of what was flown so far."""
+        return self._metrics.summary(
+            outcome, reason, now_s=self._vehicle.now_s(), stats=self._vehicle.stats()
+        )

@@ -1,0 +1,66 @@
+"""``--connect mock:px4``: the built-in mock vehicle as a process of its own.
+
+The mock is another program that happens to be installed with us: it is started by name, spoken
+to over loopback UDP, and knows nothing of our codec.
+"""
+
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from companion.errors import LinkOpenError
+
+_STOP_S = 3.0
+
+
+@contextmanager
+def mock_vehicle(autopilot: str, map_path: str, target_sysid: int | None) -> Iterator[str]:
+    """Start a mock vehicle that calls us, and stop it at the end.
+
+    Args:
+        autopilot: The personality, ``px4``.
+        map_path: Map file or bundled name, for the mock's own contact referee.
+        target_sysid: A second system that wanders through the map, if one is to be pursued.
+
+    Yields:
+        The URL to listen on.
+
+    Raises:
+        LinkOpenError: If the process cannot be started.
+    """
+    port = _free_port()
+    command = [
+        sys.executable, "-m", "sim.mock",
+        "--autopilot", autopilot,
+        "--connect", f"udpout:127.0.0.1:{port}",
+        "--map", map_path,
+        "--exit-with-parent",
+    ]  # fmt: skip
+    if target_sysid is not None:
+        command += ["--target", f"sysid={target_sysid},kind=waypoints"]
+    try:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            start_new_session=True,  # Ctrl-C on the terminal is for us; the vehicle flies on
+        )
+    except OSError as error:
+        raise LinkOpenError(f"cannot start the mock vehicle: {error}") from error
+    try:
+        yield f"udpin:127.0.0.1:{port}"
+    finally:
+        process.terminate()
+        try:
+            process.wait(_STOP_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,133 @@
+"""Vehicle and target on the map: ties the map to the autopilot's local frame, tracks the target.
+
+The tie is made again whenever the autopilot's origin moves or its estimator resets
+(``VehicleState.frame_epoch``); a reported target is then forgotten and has to be heard anew.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.arrays import FloatArray
+from companion.guidance.target import TargetEstimate, TargetTrack
+from companion.vehicle import LandedState, TargetReport, VehicleState
+from companion.world.frames import GeoPoint, LocalTie
+from companion.world.maps import Map
+
+
+@dataclass(frozen=True, slots=True)
+class TargetSource:
+    """Where the target comes from; with nothing given, DO_REPOSITION addressed to us sets it."""
+
+    position_enu_m: FloatArray | None = None
+    geodetic: GeoPoint | None = None
+    system_id: int | None = None
+
+    @property
+    def expected(self) -> bool:
+        """Return whether a target has to be known before a flight starts."""
+        return self.geodetic is not None or self.system_id is not None
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """The vehicle on the map."""
+
+    position_enu_m: FloatArray
+    velocity_enu_mps: FloatArray
+    height_m: float
+    """Above the place where the vehicle last stood."""
+
+
+class Positions:
+    """Owns the tie between map and local frame, and the target's track."""
+
+    def __init__(self, city: Map, source: TargetSource) -> None:
+        self._map = city
+        self._source = source
+        self._tie: LocalTie | None = None
+        self._tied_with_origin = False
+        self._frame_epoch: int | None = None
+        self._ground_down_m: float | None = None
+        self._geodetic_pending = source.geodetic
+        self.track = TargetTrack(source.position_enu_m)
+
+    @property
+    def tie(self) -> LocalTie | None:
+        """Return the tie between map and local frame, ``None`` while there is none."""
+        return self._tie
+
+    def update(
+        self, state: VehicleState | None, reports: Mapping[int, TargetReport]
+    ) -> tuple[Pose | None, bool]:
+        """Take in the newest telemetry.
+
+        Returns:
+            The vehicle on the map (``None`` while it cannot be placed), and whether the local
+            frame has moved since the last call.
+        """
+        if state is None:
+            return None, False
+        moved = self._frame_epoch is not None and state.frame_epoch != self._frame_epoch
+        has_origin = state.origin is not None
+        if self._tie is None or moved or has_origin != self._tied_with_origin:
+            self._tie = self._tie_map(state)
+            self._tied_with_origin = has_origin
+        if moved:
+            self.track.forget()
+            self._geodetic_pending = self._source.geodetic
+        self._frame_epoch = state.frame_epoch
+        down_m = float(state.position_ned_m[2])
+        if self._ground_down_m is None or state.landed is LandedState.ON_GROUND:
+            self._ground_down_m = down_m
+        if self._tie is None:
+            return None, moved
+        self._take_reports(self._tie, reports)
+        pose = Pose(
+            self._tie.position_to_map(state.position_ned_m),
+            self._tie.velocity_to_map(state.velocity_ned_mps),
+            self._ground_down_m - down_m,
+        )
+        return pose, moved
+
+    def target(self, now_s: float) -> TargetEstimate:
+        """Return the target as it stands at ``now_s``."""
+        return self.track.estimate(now_s)
+
+    def on_map(self, point: GeoPoint) -> FloatArray | None:
+        """Return a WGS84 point on the map, ``None`` while map and earth are not tied."""
+        if self._tie is None or self._tie.map_origin is None:
+            return None
+        position_enu_m = self._tie.geodetic_to_map(point)
+        # A beacon on the ground may read a little below it.
+        position_enu_m[2] = max(0.0, position_enu_m[2])
+        return position_enu_m
+
+    def _tie_map(self, state: VehicleState) -> LocalTie | None:
+        if self._map.origin is None:
+            launch = self._map.launch_enu_m
+            return None if launch is None else LocalTie.from_launch(launch, state.origin)
+        return (
+            None if state.origin is None else LocalTie.from_origins(self._map.origin, state.origin)
+        )
+
+    def _take_reports(self, tie: LocalTie, reports: Mapping[int, TargetReport]) -> None:
+        if self._geodetic_pending is not None:
+            position_enu_m = self.on_map(self._geodetic_pending)
+            if position_enu_m is not None:
+                self.track.set_static(position_enu_m)
+                self._geodetic_pending = None
+        report = None if self._source.system_id is None else reports.get(self._source.system_id)
+        if report is None:
+            return
+        position_enu_m = self.on_map(report.position)
+        if position_enu_m is None:
+            return
+        velocity = report.velocity_ned_mps
+        self.track.report(
+            position_enu_m,
+            None if velocity is None else tie.velocity_to_map(np.asarray(velocity)),
+            time_s=report.time_s,
+            source_time_s=report.source_time_s,
+        )

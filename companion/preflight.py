@@ -1,0 +1,78 @@
+"""What has to be so before a flight starts, as words: empty means nothing stands against it."""
+
+import numpy as np
+
+from companion.arrays import FloatArray
+from companion.guidance.target import TargetEstimate
+from companion.positions import Pose, TargetSource
+from companion.vehicle import VehicleState
+from companion.world.maps import Map
+
+_ON_GROUND_M = 0.5
+"""A vehicle on the ground reads a little above or below it."""
+
+
+def waiting_for(
+    state: VehicleState | None, pose: Pose | None, source: TargetSource, target: TargetEstimate
+) -> str:
+    """Return what is still missing for a flight and may yet come."""
+    if state is None:
+        return "no position from the vehicle yet"
+    if pose is None:
+        return "no origin from the vehicle yet (GPS_GLOBAL_ORIGIN): has it a GPS fix?"
+    if not state.position_valid:
+        return "the estimator does not vouch for the position"
+    if source.expected and target.position_enu_m is None:
+        if source.system_id is not None:
+            return f"no position of target system {source.system_id} yet"
+        return "no origin from the vehicle yet (GPS_GLOBAL_ORIGIN) to place the target"
+    return ""
+
+
+def refusal(
+    city: Map,
+    pose: Pose | None,
+    target: TargetEstimate,
+    *,
+    takeoff_m: float | None,
+    margin_m: float,
+) -> str:
+    """Return why a flight must not start at all."""
+    if pose is None:
+        return ""
+    place = pose.position_enu_m
+    above_ground = np.array([place[0], place[1], max(_ON_GROUND_M, place[2])])
+    if not city.contains(above_ground):
+        return (
+            f"the vehicle is at {words(place)}, outside map {city.name}; "
+            "use the map of where it stands"
+        )
+    if not city.is_free(above_ground):
+        return f"the vehicle is at {words(place)}, inside an obstacle of map {city.name}"
+    if takeoff_m is not None:
+        top = place + np.array([0.0, 0.0, takeoff_m])
+        column = np.linspace(above_ground, top, max(2, int(takeoff_m)))
+        if not city.contains(top) or not city.is_free(column[1:], margin_m).all():
+            return (
+                f"a take-off to {takeoff_m:g} m at {words(place)} comes nearer than "
+                f"{margin_m:g} m to an obstacle or the edge of map {city.name}"
+            )
+    if target.position_enu_m is not None and not target.velocity_enu_mps.any():
+        return target_problem(city, target.position_enu_m)
+    return ""
+
+
+def target_problem(city: Map, position_enu_m: FloatArray) -> str:
+    """Return why a static target cannot be flown to."""
+    if not city.contains(position_enu_m):
+        size = " x ".join(f"{side:g}" for side in city.size_m)
+        return f"target {words(position_enu_m)} is outside map {city.name} ({size} m)"
+    if not city.is_free(position_enu_m):
+        return f"target {words(position_enu_m)} is inside an obstacle of map {city.name}"
+    return ""
+
+
+def words(position_enu_m: FloatArray) -> str:
+    """Return a map position for people."""
+    east_m, north_m, up_m = position_enu_m
+    return f"({east_m:.1f}, {north_m:.1f}, {up_m:.1f})"

@@ -1,0 +1,57 @@
+"""One turn of the loop as a record for the session."""
+
+from companion.arrays import FloatArray
+from companion.guidance.guidance import Proposal
+from companion.guidance.shield import ShieldDecision
+from companion.guidance.situation import Directive, Situation
+from companion.guidance.target import TargetEstimate
+from companion.positions import Pose
+from companion.session.records import Tick
+
+
+def tick_record(
+    *,
+    start_s: float,
+    situation: Situation,
+    directive: Directive,
+    pose: Pose | None,
+    target: TargetEstimate,
+    proposal: Proposal | None,
+    decision: ShieldDecision | None,
+    sent_enu_mps: FloatArray | None,
+    latency_ms: float | None,
+    lateness_ms: float,
+) -> Tick:
+    """Return the record of one turn; times are relative to ``start_s``."""
+    state, now_s = situation.vehicle, situation.now_s
+    return Tick(
+        time_s=now_s - start_s,
+        position_enu_m=_list(None if pose is None else pose.position_enu_m),
+        velocity_enu_mps=_list(None if pose is None else pose.velocity_enu_mps),
+        attitude_rad=_list(None if state is None else state.attitude_rad),
+        target_enu_m=_list(target.position_enu_m),
+        target_velocity_enu_mps=_list(target.velocity_enu_mps),
+        target_tier=target.tier,
+        observation=_list(None if proposal is None else proposal.observation),
+        action=_list(None if proposal is None else proposal.action),
+        spherical=_list(None if proposal is None else proposal.spherical),
+        proposed_enu_mps=_list(None if proposal is None else proposal.velocity_enu_mps),
+        safe_enu_mps=_list(sent_enu_mps),
+        clearance_m=None if decision is None else decision.clearance_m,
+        distance_m=situation.distance_m,
+        shield_reason="" if decision is None else decision.reason,
+        intervened=decision is not None and decision.intervened,
+        supervisor=directive.phase,
+        mode="" if state is None else state.mode_name,
+        armed=state is not None and state.armed,
+        battery_fraction=None if state is None else state.battery_fraction,
+        link_age_s=None if state is None else now_s - state.heartbeat_time_s,
+        position_age_s=None if state is None else now_s - state.time_s,
+        target_age_s=None if target.position_enu_m is None else target.age_s,
+        latency_ms=latency_ms,
+        lateness_ms=lateness_ms,
+    )
+
+
+def _list(values: FloatArray | None) -> list[float] | None:
+    return None if values is None else [float(value) for value in values]

@@ -1,0 +1,247 @@
+"""``companion run``: builds the objects of one flight, flies, and writes down how it ended."""
+
+import contextlib
+import gc
+import logging
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import msgspec
+
+from companion import clock
+from companion.config import MOCK_PREFIX, RunConfig
+from companion.control import ARRIVAL_RADIUS_M, Flight, Mission
+from companion.errors import LinkLostError, RefusedError
+from companion.guidance.shield import Shield, ShieldLimits
+from companion.guidance.situation import Outcome, Plan
+from companion.link.vehicle import MavlinkVehicle, connect
+from companion.mock_process import mock_vehicle
+from companion.policy.actor import Actor
+from companion.positions import TargetSource
+from companion.preflight import target_problem
+from companion.session.folder import create_session_folder, write_config, write_summary
+from companion.session.recorder import Recorder
+from companion.session.records import (
+    ActorRecord,
+    MapRecord,
+    Raw,
+    Record,
+    SessionEnd,
+    SessionStart,
+    VehicleRecord,
+)
+from companion.session.summary import Summary
+from companion.vehicle import RequestKind
+from companion.world.maps import Map, load_map
+
+CONNECT_TIMEOUT_S = 10.0
+RECORDER_CLOSE_S = 20.0
+_ON_EXIT = {
+    "hold": RequestKind.HOLD,
+    "land": RequestKind.LAND,
+    "rtl": RequestKind.RETURN,
+    "none": None,
+}
+_LOG = logging.getLogger("companion")
+
+
+def run(config: RunConfig) -> Summary:
+    """Fly as ``config`` says and return the summary; the session folder is complete then.
+
+    Raises:
+        CompanionError: If the flight is refused or cannot begin; nothing has moved.
+    """
+    config.check()
+    city = load_map(config.map)
+    actor = Actor.load(config.actor)
+    actor.check_fits(city, config.v_max)
+    target = TargetSource(config.target_enu_m(), config.target_geodetic(), config.target_sysid)
+    if target.position_enu_m is not None:
+        problem = target_problem(city, target.position_enu_m)
+        if problem:
+            raise RefusedError(problem)
+    if city.origin is None and city.launch_enu_m is None:
+        raise RefusedError(f"map {city.name} has neither origin nor launch_m: it cannot be flown")
+
+    early: list[Raw] = []
+    taps: list[Callable[[Record], None]] = []
+    start_s, start_utc = clock.now_s(), clock.utc_now()
+
+    def tap(sent: bool, time_s: float, data: bytes) -> None:
+        record = Raw(sent, time_s - start_s, data)
+        if taps:
+            taps[0](record)
+        else:
+            early.append(record)
+
+    with _link_url(config) as url:
+        vehicle = connect(
+            url,
+            vehicle_sysid=config.vehicle_sysid,
+            target_sysids=[] if config.target_sysid is None else [config.target_sysid],
+            timeout_s=CONNECT_TIMEOUT_S,
+            tap=tap,
+        )
+        with contextlib.closing(vehicle):
+            folder = create_session_folder(config.record, start_utc)
+            _write(lambda: write_config(folder, config.as_dict()), folder)
+            recorder = Recorder(folder, live=config.rerun)
+            recorder.put(
+                SessionStart(
+                    session_id=folder.name,
+                    start_utc_us=round(start_utc.timestamp() * 1e6),
+                    map=_map_record(city),
+                    actor=_actor_record(actor),
+                    vehicle=VehicleRecord(
+                        system_id=vehicle.info.system_id,
+                        autopilot=vehicle.info.autopilot,
+                        version=vehicle.info.version,
+                        link=url,
+                    ),
+                    config=config.as_dict(),
+                    v_max_mps=config.v_max,
+                    margin_m=config.margin,
+                    arrival_radius_m=ARRIVAL_RADIUS_M,
+                )
+            )
+            for record in early:
+                recorder.put(record)
+            taps.append(recorder.put)
+            summary = _fly(vehicle, config, city, actor, target, recorder, start_s)
+    summary = msgspec.structs.replace(summary, session_dir=str(folder))
+    recorder.put(SessionEnd(summary))
+    _write(lambda: write_summary(folder, summary), folder)
+    if not recorder.close(RECORDER_CLOSE_S):
+        _LOG.warning("the recorder did not finish; %s may be incomplete", folder)
+    for message in recorder.take_messages():
+        _LOG.info("recorder: %s", message)
+    return summary
+
+
+def _fly(
+    vehicle: MavlinkVehicle,
+    config: RunConfig,
+    city: Map,
+    actor: Actor,
+    target: TargetSource,
+    recorder: Recorder,
+    start_s: float,
+) -> Summary:
+    info = vehicle.info
+    _LOG.info("vehicle %d: %s %s", info.system_id, info.autopilot, info.version)
+    if city.origin is None:
+        _LOG.warning(
+            "map %s has no place on earth: the vehicle's local origin is taken to be at %s m",
+            city.name,
+            [] if city.launch_enu_m is None else city.launch_enu_m.tolist(),
+        )
+    plan = Plan(
+        engage=config.engage,
+        arm=config.arm,
+        takeoff_m=config.takeoff,
+        on_exit=_ON_EXIT[config.on_exit],
+        shadow=config.shadow,
+        stream_before_external=info.needs_stream_before_external,
+    )
+    mission = Mission(city, actor, plan, target, config.v_max, config.rate_hz)
+    shield = Shield(city, ShieldLimits(v_max_mps=config.v_max, margin_m=config.margin))
+    with _stop_flag() as stop_requested:
+        flight = Flight(
+            vehicle,
+            mission,
+            shield,
+            record=_watched(recorder),
+            stop_requested=stop_requested,
+            session_start_s=start_s,
+        )
+        gc.collect()
+        gc.freeze()
+        try:
+            return flight.run()
+        except LinkLostError as error:
+            return flight.finish(Outcome.LINK_LOST, str(error))
+        except Exception:
+            _LOG.exception("internal error in the control loop; asking the vehicle to hold")
+            flight.abandon()
+            return flight.finish(Outcome.FAILED, "internal error in the control loop")
+
+
+@contextlib.contextmanager
+def _link_url(config: RunConfig) -> Iterator[str]:
+    if not config.connect.startswith(MOCK_PREFIX):
+        yield config.connect
+        return
+    autopilot = config.connect.removeprefix(MOCK_PREFIX)
+    with mock_vehicle(autopilot, config.map, config.target_sysid) as url:
+        _LOG.info("started the mock vehicle (%s)", autopilot)
+        yield url
+
+
+@contextlib.contextmanager
+def _stop_flag() -> Iterator[Callable[[], bool]]:
+    """Turn the first SIGINT or SIGTERM into a flag; the second one ends the program at once."""
+    asked: list[int] = []
+
+    def on_signal(number: int, _frame: FrameType | None) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    before = {
+        number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield lambda: bool(asked)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _watched(recorder: Recorder) -> Callable[[Record], None]:
+    """Return ``recorder.put`` that says once when the recorder has died."""
+    said: list[bool] = []
+
+    def put(record: Record) -> None:
+        recorder.put(record)
+        if not recorder.alive and not said:
+            said.append(True)
+            _LOG.warning("the recorder has died; the flight goes on without a recording")
+
+    return put
+
+
+def _write(write: Callable[[], None], folder: Path) -> None:
+    try:
+        write()
+    except OSError as error:
+        _LOG.warning("cannot write to %s: %s", folder, error.strerror)
+
+
+def _map_record(city: Map) -> MapRecord:
+    return MapRecord(
+        name=city.name,
+        size_m=city.size_m.tolist(),
+        footprints_m=[footprint.tolist() for footprint in city.footprints_m],
+        heights_m=[float(height) for height in city.heights_m],
+        names=list(city.obstacle_names),
+        content_hash=city.content_hash,
+    )
+
+
+def _actor_record(actor: Actor) -> ActorRecord:
+    contract = actor.contract
+    detail: dict[str, Any] = {
+        "preset": contract.preset,
+        "stage": contract.stage,
+        "seed": contract.seed,
+    }
+    return ActorRecord(
+        name=actor.name,
+        sha256=actor.sha256,
+        layout=contract.layout.name,
+        columns=list(contract.layout.columns),
+        detail=detail,
+    )
