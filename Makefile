@@ -1,0 +1,57 @@
+# Everything happens in .venv; a bare machine needs Python 3.11+, git and make.
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: help demo test lint types imports pytest test-slow bench install clean
+
+help:
+	@echo "make demo       install, then watch a trained actor fly the mock vehicle"
+	@echo "make test       install, then lint, types, import borders and tests"
+	@echo "make test-slow  the suites that take minutes"
+	@echo "make bench      measure, into tests/benchmarks/RESULTS.md"
+
+.venv/pip.stamp:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed")'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	@touch $@
+
+# What flies: no torch.
+.venv/flight.stamp: .venv/pip.stamp pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+# What trains and tests. torch first and exactly: everyone tests the same build.
+.venv/dev.stamp: .venv/pip.stamp pyproject.toml
+	$(BIN)/python -m pip install --quiet torch==2.13.0
+	$(BIN)/python -m pip install --quiet --editable ".[training]" --group dev
+	@touch $@ .venv/flight.stamp
+
+install: .venv/dev.stamp
+
+demo: .venv/flight.stamp
+	$(BIN)/companion run --connect mock:px4 --map env1 --target 85,80,25 --arm --takeoff 20 --engage
+
+test: lint types imports pytest
+
+lint: .venv/dev.stamp
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: .venv/dev.stamp
+	$(BIN)/mypy
+
+imports: .venv/dev.stamp
+	$(BIN)/lint-imports
+
+pytest: .venv/dev.stamp
+	$(BIN)/python -m pytest
+
+test-slow: .venv/dev.stamp
+	$(BIN)/python -m pytest -m slow --timeout=3600
+
+bench: .venv/dev.stamp
+	$(BIN)/python -m pytest tests/benchmarks --benchmark-only --benchmark-columns=median,iqr,ops
+
+clean:
+	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis dist build
