@@ -1,0 +1,120 @@
+"""Which failsafe PX4 puts between the operator's wish and the motors (``failsafe.cpp``)."""
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+from sim.mock.modes import Mode
+from sim.mock.parameters import Parameters
+
+_NAV_RCL_ACT = {1: Mode.LOITER, 2: Mode.RTL, 3: Mode.LAND}
+_COM_OBL_RC_ACT = {
+    0: Mode.POSCTL,
+    1: Mode.ALTCTL,
+    2: Mode.STABILIZED,
+    3: Mode.RTL,
+    4: Mode.LAND,
+    5: Mode.LOITER,
+}
+_GF_ACTION = {2: Mode.LOITER, 3: Mode.RTL, 5: Mode.LAND}
+EXCEPT_OFFBOARD = 4
+EXCEPT_HOLD = 2
+
+
+class Cause(Enum):
+    """Why a failsafe acts; the order is its rank."""
+
+    POSITION_LOST = "position lost"
+    BATTERY = "battery"
+    GEOFENCE = "geofence"
+    PILOT_LOST = "manual control lost"
+    SETPOINTS_LOST = "setpoints lost"
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What the failsafe looks at, once per step."""
+
+    now_s: float
+    intention: Mode
+    position_valid: bool
+    setpoints_fresh: bool
+    pilot_present: bool
+    battery_fraction: float
+    fence_breached: bool
+
+
+@dataclass(slots=True)
+class Failsafe:
+    """The failsafe in force, if any."""
+
+    cause: Cause | None = None
+    mode: Mode | None = None
+    _pilot_expected: bool = False
+    _since_s: float = 0.0
+    _overruled: set[Cause] = field(default_factory=set)
+
+    def arm(self, *, pilot_present: bool) -> None:
+        """Start afresh: manual control absent at arming is not missed later."""
+        self.clear()
+        self._pilot_expected = pilot_present
+
+    def clear(self) -> None:
+        """Forget everything, as on disarming."""
+        self.cause = self.mode = None
+        self._overruled.clear()
+
+    def overrule(self) -> None:
+        """Note that somebody chose a mode: the causes at hand no longer act until they clear."""
+        if self.cause is not None:
+            self._overruled.add(self.cause)
+        self.cause = self.mode = None
+
+    def update(self, situation: Situation, parameters: Parameters) -> None:
+        """Decide anew. ``mode`` is ``None`` when the intention stands."""
+        self._pilot_expected |= situation.pilot_present
+        present = self._causes(situation, parameters)
+        self._overruled &= present.keys()
+        causes = [cause for cause in Cause if cause in present and cause not in self._overruled]
+        latched = self.cause is Cause.PILOT_LOST and self.mode in (Mode.RTL, Mode.LAND)
+        if not causes:
+            if not latched:  # the return after RC loss ends with a mode change or disarming only
+                self.cause = self.mode = None
+            return
+        if causes[0] is not self.cause:
+            self._since_s = situation.now_s
+        self.cause = causes[0]
+        self.mode = present[self.cause]
+        if self.cause is Cause.PILOT_LOST and not latched:
+            waiting = situation.now_s - self._since_s < parameters.number("COM_FAIL_ACT_T")
+            self.mode = Mode.LOITER if waiting else self.mode
+
+    def _causes(self, situation: Situation, parameters: Parameters) -> dict[Cause, Mode]:
+        causes: dict[Cause, Mode] = {}
+        intention = situation.intention
+        if not situation.position_valid and intention is not Mode.LAND:
+            causes[Cause.POSITION_LOST] = Mode.LAND
+        action = int(parameters.number("COM_LOW_BAT_ACT"))
+        if action == 3 and situation.battery_fraction < parameters.number("BAT_EMERGEN_THR"):
+            causes[Cause.BATTERY] = Mode.LAND
+        elif action >= 2 and situation.battery_fraction < parameters.number("BAT_CRIT_THR"):
+            causes[Cause.BATTERY] = Mode.LAND if action == 2 else Mode.RTL
+        fence = _GF_ACTION.get(int(parameters.number("GF_ACTION")))
+        if situation.fence_breached and fence is not None and intention is not Mode.LAND:
+            causes[Cause.GEOFENCE] = fence
+        without_pilot = _NAV_RCL_ACT.get(int(parameters.number("NAV_RCL_ACT")))
+        excepted = int(parameters.number("COM_RCL_EXCEPT")) & (
+            EXCEPT_OFFBOARD if intention is Mode.OFFBOARD else EXCEPT_HOLD
+        )
+        if (
+            self._pilot_expected
+            and not situation.pilot_present
+            and not excepted
+            and without_pilot is not None
+        ):
+            causes[Cause.PILOT_LOST] = without_pilot
+        if intention is Mode.OFFBOARD and not situation.setpoints_fresh:
+            mode = _COM_OBL_RC_ACT.get(int(parameters.number("COM_OBL_RC_ACT")), Mode.LAND)
+            if mode.needs_pilot and not situation.pilot_present:
+                mode = without_pilot or Mode.LOITER
+            causes[Cause.SETPOINTS_LOST] = mode
+        return causes

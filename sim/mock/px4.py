@@ -1,0 +1,367 @@
+"""PX4's commander: arming, modes, offboard and failsafe rules. No bytes, no clock.
+
+Rule numbers (P2, P3, ...) are those of the protocol notes this personality was written from;
+every one is a named test in ``tests/unit/test_mock_px4.py``.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.world.frames import GeoPoint
+from sim.mock.dynamics import PointMass, Vector, Wind
+from sim.mock.estimator import Estimator, add
+from sim.mock.failsafe import Failsafe, Situation
+from sim.mock.flight import Flight
+from sim.mock.modes import Mode
+from sim.mock.parameters import Parameters
+from sim.mock.pilot import Pilot
+from sim.mock.setpoints import Setpoint
+
+EMERGENCY, CRITICAL, WARNING, INFO = 0, 2, 4, 6
+"""MAV_SEVERITY of the texts."""
+
+UNINIT, STANDBY, ACTIVE, FAILSAFE = 0, 3, 4, 5
+"""MAV_STATE of HEARTBEAT."""
+
+ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
+"""MAV_LANDED_STATE of EXTENDED_SYS_STATE."""
+
+RAMP_S = 1.0
+"""Between the end of the spool-up ("Takeoff detected") and the moment the skids lift."""
+LAND_DETECTION_S = 2.5
+"""On the ground this long with a demand to sink: landed (measured 2.6 s)."""
+
+UNHEALTHY = "Arming denied: Resolve system health failures first"
+
+
+@dataclass(slots=True)
+class Battery:
+    """A four-cell pack that drains linearly while armed."""
+
+    fraction: float = 1.0
+    drain_per_s: float = 1.0 / 1200.0
+
+    @property
+    def voltage_v(self) -> float:
+        """Return the pack voltage."""
+        return 4.0 * (3.5 + 0.55 * self.fraction)
+
+
+class Px4:
+    """The vehicle behind the messages; ``step`` it with the time since power-up."""
+
+    def __init__(
+        self,
+        *,
+        place: GeoPoint,
+        boot_s: float,
+        radio: bool,
+        body: PointMass,
+        wind: Wind,
+        noise_m: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self.now_s = 0.0
+        self._noise_m = noise_m
+        self._rng = rng
+        self.body = body
+        self.wind = wind
+        self.parameters = Parameters()
+        self.estimator = Estimator(place, boot_s)
+        self.pilot = Pilot(radio=radio)
+        self.battery = Battery()
+        self.failsafe = Failsafe()
+        self.flight = Flight(body, self.estimator, self.parameters)
+        self.armed = False
+        self.landed = True
+        self.intention = Mode.LOITER
+        self.mode = Mode.LOITER
+        self.home_true_m: Vector | None = None
+        self.home_count = 0
+        """Rises whenever HOME_POSITION changes."""
+        self.setpoint: Setpoint | None = None
+        self.setpoint_time_s = -math.inf
+        self.offboard_seen = False
+        self.setpoints_received = 0
+        self.setpoints_outside_offboard = 0
+        self.deaf = False
+        """A fault: setpoints no longer reach the autopilot."""
+        self._after_disarm = Mode.LOITER
+        self._armed_at_s = 0.0
+        self._flown = False
+        self._lift_s: float | None = None
+        self._touch_s: float | None = None
+        self._landed_at_s = 0.0
+        self._low_battery_said = False
+        self._texts: list[tuple[int, str]] = []
+
+    # -- what it shows ---------------------------------------------------------------------
+
+    @property
+    def system_status(self) -> int:
+        """HEARTBEAT.system_status: UNINIT means "cannot arm now" (P16)."""
+        if self.armed:
+            return FAILSAFE if self.failsafe.mode is not None else ACTIVE
+        return STANDBY if self.can_arm() else UNINIT
+
+    @property
+    def landed_state(self) -> int:
+        """EXTENDED_SYS_STATE.landed_state."""
+        if self.landed:
+            return ON_GROUND
+        if self.mode is Mode.TAKEOFF:
+            return TAKING_OFF
+        return LANDING if self.flight.landing else IN_AIR
+
+    def can_arm(self) -> bool:
+        """Whether the pre-arm checks pass: SYS_STATUS PREARM_CHECK."""
+        return (
+            self.estimator.ready(self.now_s)
+            and not self.intention.prevents_arming
+            and self._can_run(self.intention)
+        )
+
+    def setpoints_fresh(self) -> bool:
+        """Whether the newest setpoint is younger than COM_OF_LOSS_T (P2)."""
+        return self.now_s - self.setpoint_time_s <= self.parameters.number("COM_OF_LOSS_T")
+
+    def pilot_present(self) -> bool:
+        """Whether manual control is there."""
+        return self.pilot.present(self.now_s, self.parameters.number("COM_RC_LOSS_T"))
+
+    def noisy_true_m(self) -> Vector:
+        """Return the true position plus white noise, as sensors see it."""
+        if self._noise_m <= 0.0:
+            return self.body.position_m
+        n, e, d = (self._noise_m * float(value) for value in self._rng.standard_normal(3))
+        return add(self.body.position_m, (n, e, d))
+
+    def local_position_m(self) -> Vector:
+        """Return what LOCAL_POSITION_NED says."""
+        return self.estimator.to_local(self.noisy_true_m())
+
+    def say(self, severity: int, text: str) -> None:
+        """Queue a text for the ground stations."""
+        self._texts.append((severity, text))
+
+    def take_texts(self) -> list[tuple[int, str]]:
+        """Return the texts since the last call, oldest first."""
+        texts, self._texts = self._texts, []
+        return texts
+
+    # -- what others ask -------------------------------------------------------------------
+
+    def request_mode(self, mode: Mode, *, explain: bool = False) -> bool:
+        """Change the operator's intention, or refuse.
+
+        Disarmed, every mode is accepted, even one that cannot run (P3). Armed, a mode that cannot
+        run is refused. LAND is always allowed.
+
+        Args:
+            mode: What is asked for.
+            explain: Whether to say why not; PX4 tells ground stations (component 190) only.
+        """
+        if self.armed and mode is not Mode.LAND and not self._can_run(mode):
+            if explain:
+                self.say(CRITICAL, f"Switching to {mode.title} is currently not available")
+            return False
+        if mode is not self.intention or self.failsafe.mode is not None:
+            self.failsafe.overrule()
+        self.intention = mode
+        if not mode.prevents_arming:
+            self._after_disarm = mode
+        self._apply_mode()
+        return True
+
+    def arm(self, by: str = "external command") -> bool:
+        """Arm, or refuse with a text (P3, P18)."""
+        if self.armed:
+            return True
+        if not self.can_arm():
+            self.say(CRITICAL, UNHEALTHY)
+            return False
+        self.armed = True
+        self._flown = False
+        self._armed_at_s = self.now_s
+        self._lift_s = self._touch_s = None
+        self.failsafe.arm(pilot_present=self.pilot_present())
+        self._set_home()
+        self.flight.enter(self.mode, self.home_true_m)
+        self.say(INFO, f"Armed by {by}")
+        return True
+
+    def disarm(self, by: str = "external command", *, forced: bool = False) -> bool:
+        """Disarm; in the air only by force."""
+        if not self.armed:
+            return True
+        if not self.landed and not forced:
+            self.say(CRITICAL, "Disarming denied: not landed")
+            return False
+        self.armed = False
+        self.failsafe.clear()
+        self.intention = self._after_disarm
+        self._apply_mode()
+        self.say(INFO, f"Disarmed by {by}")
+        return True
+
+    def take_off(self, altitude_m: float) -> bool:
+        """Go to AUTO.TAKEOFF; ``altitude_m`` is AMSL, NaN means MIS_TAKEOFF_ALT above home."""
+        self.flight.takeoff_altitude_m = altitude_m
+        return self.request_mode(Mode.TAKEOFF)
+
+    def reposition(self, point: GeoPoint) -> bool:
+        """Hold at ``point`` (P17: this leaves OFFBOARD)."""
+        accepted = self.request_mode(Mode.LOITER)
+        if accepted:
+            self.flight.hold_true_m = self.estimator.from_geodetic(point)
+        return accepted
+
+    def receive_setpoint(self, setpoint: Setpoint) -> None:
+        """Take in a valid setpoint: it feeds the watchdog in any mode (P11)."""
+        self.setpoints_received += 1
+        if self.mode is not Mode.OFFBOARD:
+            self.setpoints_outside_offboard += 1
+        if self.deaf:
+            return
+        self.setpoint_time_s = self.now_s
+        self.offboard_seen = True
+        self.setpoint = setpoint
+
+    # -- how it goes on --------------------------------------------------------------------
+
+    def step(self, now_s: float) -> None:
+        """Advance to ``now_s``; steps of 10 ms are meant, longer ones lose accuracy."""
+        dt_s = now_s - self.now_s
+        self.now_s = now_s
+        self.estimator.drift(now_s, dt_s)
+        if self.home_true_m is None and self.estimator.global_known(now_s):
+            self._set_home()
+        if self.pilot.grabs_sticks(self.parameters.number("MAN_OVERRIDE_SPD")):
+            self._sticks_take_over()
+        self._use_battery(dt_s)
+        if self.armed:
+            self._check_failsafe()
+        if not self.armed:
+            if self.body.on_ground:
+                self.body.rest()
+            else:
+                self.body.fall(dt_s)
+            self.landed = self.body.on_ground
+            return
+        wants_up, wants_down = self.flight.step(
+            dt_s,
+            flying=self._airborne(),
+            setpoint=self.setpoint if self.mode is Mode.OFFBOARD else None,
+            sticks=self.pilot.sticks,
+            drift_mps=self.wind.drift_ned_mps(dt_s),
+        )
+        self._detect_takeoff(wants_up=wants_up)
+        self._detect_landing(wants_down=wants_down)
+        if self.armed and self.flight.takeoff_done:
+            point = self.flight.hold_true_m
+            self.request_mode(Mode.LOITER)
+            self.flight.hold_true_m = point
+        for text in self.flight.take_texts():
+            self.say(INFO, text)
+
+    def _can_run(self, mode: Mode) -> bool:
+        if mode.needs_pilot and not self.pilot_present():
+            return False
+        if mode is Mode.MISSION:
+            return False  # none is ever loaded
+        if mode in (Mode.MANUAL, Mode.STABILIZED, Mode.ALTCTL, Mode.LAND):
+            return True
+        if not self.estimator.ready(self.now_s):
+            return False
+        return mode is not Mode.OFFBOARD or self.setpoints_fresh()
+
+    def _apply_mode(self) -> None:
+        mode = self.failsafe.mode or self.intention
+        if mode is not self.mode:
+            self.mode = mode
+            self.setpoint = None
+            self.flight.enter(mode, self.home_true_m)
+
+    def _check_failsafe(self) -> None:
+        before = self.failsafe.mode
+        self.failsafe.update(
+            Situation(
+                now_s=self.now_s,
+                intention=self.intention,
+                position_valid=self.estimator.ready(self.now_s),
+                setpoints_fresh=self.setpoints_fresh(),
+                pilot_present=self.pilot_present(),
+                battery_fraction=self.battery.fraction,
+                fence_breached=self._fence_breached(),
+            ),
+            self.parameters,
+        )
+        if before is None and self.failsafe.mode is not None:
+            delayed = self.failsafe.mode is Mode.LOITER and not self.pilot_present()
+            hold = f": entering Hold for {self.parameters.number('COM_FAIL_ACT_T'):.0f} seconds"
+            self.say(CRITICAL, "Failsafe activated" + (hold if delayed else ""))
+        self._apply_mode()
+
+    def _fence_breached(self) -> bool:
+        if self.home_true_m is None:
+            return False
+        reach, top = (
+            self.parameters.number("GF_MAX_HOR_DIST"),
+            self.parameters.number("GF_MAX_VER_DIST"),
+        )
+        north, east, down = (
+            a - b for a, b in zip(self.body.position_m, self.home_true_m, strict=True)
+        )
+        return (reach > 0.0 and math.hypot(north, east) > reach) or (top > 0.0 and -down > top)
+
+    def _sticks_take_over(self) -> None:
+        if self.armed and not self.landed and not self.mode.needs_pilot and self.pilot_present():
+            self.request_mode(Mode.POSCTL)
+            self.say(INFO, "Pilot took over using sticks")
+
+    def _use_battery(self, dt_s: float) -> None:
+        if self.armed:
+            self.battery.fraction = max(
+                0.0, self.battery.fraction - self.battery.drain_per_s * dt_s
+            )
+        low = self.battery.fraction < self.parameters.number("BAT_LOW_THR")
+        if low and not self._low_battery_said:
+            self.say(WARNING, "Low battery level")
+        self._low_battery_said = low
+
+    def _airborne(self) -> bool:
+        return self._lift_s is not None and self.now_s >= self._lift_s
+
+    def _detect_takeoff(self, *, wants_up: bool) -> None:
+        if not self.landed:
+            return
+        spool_s = self.parameters.number("COM_SPOOLUP_TIME")
+        if wants_up and self.now_s - self._armed_at_s >= spool_s + RAMP_S:
+            self.landed = False
+            self._flown = True
+            self._lift_s = self.now_s + RAMP_S
+            self.say(INFO, "Takeoff detected")
+            return
+        key = "COM_DISARM_LAND" if self._flown else "COM_DISARM_PRFLT"
+        since_s = self._landed_at_s if self._flown else self._armed_at_s
+        if 0.0 < self.parameters.number(key) <= self.now_s - since_s:
+            self.disarm("landing" if self._flown else "auto preflight disarming")
+
+    def _detect_landing(self, *, wants_down: bool) -> None:
+        if self.landed or not self._airborne():
+            return
+        if not (self.body.on_ground and wants_down):
+            self._touch_s = None
+            return
+        self._touch_s = self.now_s if self._touch_s is None else self._touch_s
+        if self.now_s - self._touch_s >= LAND_DETECTION_S:
+            self.landed = True
+            self._landed_at_s = self.now_s
+            self._lift_s = self._touch_s = None
+            self.say(INFO, "Landing detected")
+
+    def _set_home(self) -> None:
+        self.home_true_m = self.body.position_m
+        self.home_count += 1
