@@ -13,14 +13,7 @@ from typing import Protocol
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.errors import RefusedError
-from companion.vehicle import FlightMode, LandedState, RequestKind, SystemStatus
-
-_MODE_OF_REQUEST = {
-    RequestKind.EXTERNAL: FlightMode.EXTERNAL,
-    RequestKind.HOLD: FlightMode.HOLD,
-    RequestKind.LAND: FlightMode.LAND,
-    RequestKind.RETURN: FlightMode.RETURN,
-}
+from companion.vehicle import FlightMode, LandedState, SystemStatus
 
 _LEAVING_GROUND = (LandedState.TAKING_OFF, LandedState.IN_AIR)
 
@@ -337,11 +330,6 @@ _BYTEWISE = {
     dialect.MAV_PARAM_TYPE_UINT32: "<I",
     dialect.MAV_PARAM_TYPE_INT32: "<i",
 }
-
-
-def mode_of_request(kind: RequestKind) -> FlightMode:
-    """Return the mode that ``kind`` asks for; a ``KeyError`` where it asks for none."""
-    return _MODE_OF_REQUEST[kind]
 
 
 def _px4_mode(custom_mode: int) -> tuple[int, int]:

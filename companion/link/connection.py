@@ -1,0 +1,94 @@
+"""A transport with its codec: packets in and messages out, every frame of both seen by a tap."""
+
+from collections.abc import Callable
+from typing import Any
+
+from companion.link.codec import Codec, Parser, Received
+from companion.link.transport import Peer, Transport
+
+Tap = Callable[[bool, float, bytes], None]
+"""Called with ``(sent, time_s, frame)`` for every complete frame of both directions."""
+
+_MAX_PEERS = 64
+"""Beyond this the peer heard first is forgotten: anybody can send us UDP."""
+
+
+class Connection:
+    """Packets of all peers of one transport; messages of one sender."""
+
+    def __init__(
+        self, transport: Transport, codec: Codec, now: Callable[[], float], tap: Tap | None = None
+    ) -> None:
+        self.codec = codec
+        self.now = now
+        self._transport = transport
+        self._tap = tap
+        self._parsers: dict[Peer, Parser] = {}
+
+    @property
+    def speaks_first(self) -> bool:
+        """Whether the other side hears of us only if we send first."""
+        return self._transport.speaks_first
+
+    @property
+    def send_errors(self) -> int:
+        """Packets that could not be sent."""
+        return self._transport.send_errors
+
+    @property
+    def bytes_received(self) -> int:
+        """All bytes of all peers."""
+        return sum(parser.bytes_received for parser in self._parsers.values())
+
+    @property
+    def bytes_bad(self) -> int:
+        """Bytes that belong to no valid packet."""
+        return sum(parser.bytes_bad for parser in self._parsers.values())
+
+    def packets_lost(self, system_id: int, component_id: int) -> int:
+        """Return the gaps in one sender's sequence numbers."""
+        sender = (system_id, component_id)
+        return sum(parser.packets_lost.get(sender, 0) for parser in self._parsers.values())
+
+    def wait(self, timeout_s: float) -> None:
+        """Block until bytes may be there, at most ``timeout_s``."""
+        self._transport.wait(timeout_s)
+
+    def receive(self) -> list[tuple[Peer, Received]]:
+        """Return the packets that have come, by peer; never blocks.
+
+        Raises:
+            LinkLostError: If the transport has failed.
+        """
+        packets: list[tuple[Peer, Received]] = []
+        for peer, data in self._transport.receive():
+            now_s = self.now()
+            for received in self._parser(peer).receive(data, now_s):
+                if self._tap is not None:
+                    self._tap(False, now_s, received.frame)
+                packets.append((peer, received))
+        return packets
+
+    def reply_to(self, peer: Peer) -> None:
+        """Send to ``peer`` from now on."""
+        self._transport.reply_to(peer)
+
+    def send(self, message: Any) -> bytes:
+        """Send one message and return its frame."""
+        frame = self.codec.encode(message)
+        self._transport.send(frame)
+        if self._tap is not None:
+            self._tap(True, self.now(), frame)
+        return frame
+
+    def close(self) -> None:
+        """Release the transport; sends nothing."""
+        self._transport.close()
+
+    def _parser(self, peer: Peer) -> Parser:
+        parser = self._parsers.get(peer)
+        if parser is None:
+            if len(self._parsers) >= _MAX_PEERS:
+                del self._parsers[next(iter(self._parsers))]
+            parser = self._parsers[peer] = Parser()
+        return parser

@@ -1,0 +1,166 @@
+"""One request to the vehicle, from the first packet to what its heartbeat shows. No I/O.
+
+A request is confirmed by the vehicle's own state, never by an acknowledgement alone: PX4's
+HEARTBEAT lags its COMMAND_ACK by up to a second, and acceptance is not yet the deed.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from companion.link.autopilots import Autopilot, Command
+from companion.link.telemetry import Telemetry
+from companion.vehicle import FlightMode, RequestKind, RequestState, RequestStatus
+
+TRIES = 3
+RETRY_S = 0.7
+"""Acknowledgements were measured at 1 to 30 ms; this leaves room for a slow radio."""
+IN_PROGRESS_S = 3.0
+"""How much longer the vehicle may take after each IN_PROGRESS."""
+_SHOW_WITHIN_S = 3.5
+"""Heartbeats come once a second; two may be lost."""
+_CLIMB_WITHIN_S = 10.0
+"""ArduPilot spins up for 3 s before it leaves the ground."""
+_TEXT_BELONGS_S = 1.0
+"""A STATUSTEXT this soon after a rejection is its reason."""
+
+_MODES = {
+    RequestKind.EXTERNAL: FlightMode.EXTERNAL,
+    RequestKind.HOLD: FlightMode.HOLD,
+    RequestKind.LAND: FlightMode.LAND,
+    RequestKind.RETURN: FlightMode.RETURN,
+}
+
+_RESULT_NAMES = {
+    number: entry.name.removeprefix("MAV_RESULT_")
+    for number, entry in dialect.enums["MAV_RESULT"].items()
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What to send for a request, and how to see that it has happened."""
+
+    command: Command
+    is_seen: Callable[[], bool]
+    show_within_s: float = _SHOW_WITHIN_S
+
+
+def plan_request(
+    kind: RequestKind, autopilot: Autopilot, telemetry: Telemetry, altitude_m: float | None
+) -> Plan | str:
+    """Return the plan for ``kind``, or in words why there is none.
+
+    Args:
+        kind: What to ask for.
+        autopilot: The firmware's ways.
+        telemetry: Where the vehicle's state shows.
+        altitude_m: For a take-off: height above the ground the vehicle stands on.
+
+    Raises:
+        ValueError: If a take-off comes without an altitude above zero.
+    """
+    if kind is RequestKind.ARM:
+        params = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        command = Command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, params)
+        return Plan(command, lambda: telemetry.armed)
+    if kind is RequestKind.TAKEOFF:
+        if altitude_m is None or not 0.0 < altitude_m < 1e4:
+            raise ValueError(f"a take-off needs an altitude above zero, got {altitude_m}")
+        take_off = autopilot.take_off(altitude_m, telemetry.altitude_amsl_m())
+        if take_off is None:
+            return "the altitude above sea level is not known: no GPS_GLOBAL_ORIGIN yet"
+        return Plan(
+            take_off,
+            lambda: autopilot.takes_off(telemetry.mode, telemetry.landed),
+            _CLIMB_WITHIN_S,
+        )
+    mode = _MODES[kind]
+    return Plan(autopilot.set_mode(mode), lambda: telemetry.mode is mode)
+
+
+class Request:
+    """Sends a command up to three times, hears the answer, and watches for the deed."""
+
+    def __init__(self, kind: RequestKind, plan: Plan, now_s: float) -> None:
+        self._plan = plan
+        self._started_s = now_s
+        self._seen_before = plan.is_seen()
+        """Already so: then its being seen proves nothing, and an acknowledgement must come."""
+        self._accepted = False
+        self._tries = 0
+        self._due_s: float | None = now_s
+        self._ended_s = now_s
+        self._last_text = ""
+        self.status = RequestStatus(kind, RequestState.PENDING)
+
+    @property
+    def command(self) -> Command:
+        """What is asked of the vehicle."""
+        return self._plan.command
+
+    @property
+    def due_s(self) -> float | None:
+        """When ``advance`` has something to do; ``None`` once the request has ended."""
+        return self._due_s
+
+    def advance(self, now_s: float) -> int | None:
+        """Let time pass; return the ``confirmation`` count if the command is to be sent now."""
+        if self._due_s is None or now_s < self._due_s:
+            return None
+        if self._accepted:
+            waited_s = now_s - self._started_s
+            self._end(RequestState.TIMED_OUT, f"accepted, but not seen in {waited_s:.1f} s", now_s)
+            return None
+        if self._tries == TRIES:
+            self._end(RequestState.TIMED_OUT, f"no answer to {TRIES} tries", now_s)
+            return None
+        self._due_s = now_s + RETRY_S
+        self._tries += 1
+        return self._tries - 1
+
+    def hear_ack(self, command: int, result: int, now_s: float) -> None:
+        """Take in a COMMAND_ACK addressed to us."""
+        if self._due_s is None or command != self._plan.command.number:
+            return
+        if result == dialect.MAV_RESULT_IN_PROGRESS:
+            self._tries = TRIES  # it has arrived: never send it again
+            self._due_s = now_s + IN_PROGRESS_S
+        elif result == dialect.MAV_RESULT_ACCEPTED:
+            if not self._accepted:
+                self._accepted = True
+                self._due_s = now_s + self._plan.show_within_s
+        else:
+            name = _RESULT_NAMES.get(result, f"MAV_RESULT {result}")
+            detail = f"{name}: {self._last_text}" if self._last_text else name
+            self._end(RequestState.REJECTED, detail, now_s)
+
+    def hear_text(self, text: str, now_s: float) -> None:
+        """Take in a STATUSTEXT of a warning or worse: it may be the reason of a rejection."""
+        if self._due_s is not None:
+            self._last_text = text
+        elif (
+            self.status.state is RequestState.REJECTED
+            and now_s - self._ended_s <= _TEXT_BELONGS_S
+            and text not in self.status.detail
+        ):
+            self.status = replace(self.status, detail=f"{self.status.detail}: {text}")
+
+    def hear_state(self, heartbeat_time_s: float | None, now_s: float) -> None:
+        """Look whether the vehicle's state shows the deed."""
+        if self._due_s is None or heartbeat_time_s is None or not self._plan.is_seen():
+            return
+        fresh = heartbeat_time_s >= self._started_s
+        if fresh and (self._accepted or not self._seen_before):
+            self._end(RequestState.CONFIRMED, "", now_s)
+
+    def abandon(self, reason: str, now_s: float) -> None:
+        """End a pending request that cannot come true any more."""
+        if self._due_s is not None:
+            self._end(RequestState.REJECTED, reason, now_s)
+
+    def _end(self, state: RequestState, detail: str, now_s: float) -> None:
+        self.status = replace(self.status, state=state, detail=detail)
+        self._due_s = None
+        self._ended_s = now_s
