@@ -128,7 +128,8 @@ class _UdpIn(_Socket):
                 data, peer = self._socket.recvfrom(_READ_BYTES)
             except BlockingIOError:
                 break
-            except OSError:  # an ICMP error of something sent before; the next read goes on
+            except OSError:  # the ICMP answer to something sent before
+                self.send_errors += 1
                 continue
             datagrams.append((peer, data))
         return datagrams
@@ -168,7 +169,8 @@ class _UdpOut(_Socket):
                 data = self._socket.recv(_READ_BYTES)
             except BlockingIOError:
                 break
-            except OSError:  # ECONNREFUSED: nobody listens there yet; they may come
+            except OSError:  # ECONNREFUSED by ICMP: nobody listens there yet; they may come
+                self.send_errors += 1
                 continue
             datagrams.append((_THE_PEER, data))
         return datagrams
