@@ -3,6 +3,7 @@
 Pure and batched: ``(3,)`` and ``(N, 3)`` alike, map frame or NED alike.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,8 +55,8 @@ class Disturbance:
 
     def advance(self, value: FloatArray, *, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """Return ``value`` after ``dt_s``; its distribution stays what ``sample`` draws from."""
-        kept = np.exp(-dt_s / self.correlation_s)
-        fresh = np.sqrt(1.0 - kept**2) * self.std
+        kept = math.exp(-dt_s / self.correlation_s)
+        fresh = math.sqrt(1.0 - kept**2) * self.std
         return kept * value + fresh * rng.standard_normal(value.shape)
 
 
