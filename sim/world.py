@@ -182,7 +182,8 @@ class CityWorld:
         if action.shape != self._position_enu_m.shape:
             raise ValueError(f"action must be {self._position_enu_m.shape}, got {action.shape}")
         crash_depth_m, flown_m = self._move(action)
-        self._target_enu_m, _ = self._paths.at((self._episodes.steps + 1.0) * self.dt_s)
+        time_s = np.multiply(self._episodes.steps + 1, self.dt_s, dtype=np.float64)
+        self._target_enu_m, _ = self._paths.at(time_s)
         distance_m = _length(self._target_enu_m - self._position_enu_m)
         contact = crash_depth_m > 0.0
         reward = step_reward(distance_m / self.edge_m, crash_depth_m / self.edge_m, beta=self.beta)
@@ -345,4 +346,5 @@ class CityWorld:
 
 def _length(vector: FloatArray) -> FloatArray:
     """Return lengths, shape ``(N,)``; several times faster than ``np.linalg.norm``."""
-    return np.sqrt(np.einsum("ni,ni->n", vector, vector))
+    length: FloatArray = np.sqrt(np.einsum("ni,ni->n", vector, vector))
+    return length
