@@ -148,3 +148,34 @@ def action_to_velocity_mps(
     """
     rho, phi_rad, psi_rad = to_spherical(action, scaling, bearing_rad)
     return spherical_to_displacement(v_max_mps * rho / scaling.rho_max, phi_rad, psi_rad)
+
+
+def displacement_to_action(
+    displacement_enu_m: FloatArray,
+    scaling: ActionScaling,
+    edge_m: float,
+    bearing_rad: npt.NDArray[np.floating] | float = 0.0,
+) -> FloatArray:
+    """Return the action in [-1, 1] that comes nearest to a displacement, shape ``(..., 3)``.
+
+    The inverse of ``action_to_displacement_m``; longer steps are shortened to ``rho_max``.
+    """
+    east_m, north_m, up_m = np.moveaxis(np.asarray(displacement_enu_m, dtype=np.float64), -1, 0)
+    horizontal_m = np.hypot(east_m, north_m)
+    rho = np.hypot(horizontal_m, up_m) / edge_m
+    phi_rad = np.arctan2(horizontal_m, up_m)
+    psi_rad = np.arctan2(north_m, east_m)
+    if scaling.azimuth_reference == "target":
+        psi_rad = psi_rad - bearing_rad
+    turn_rad = 2.0 * np.pi
+    psi_rad = scaling.azimuth_low_rad + np.mod(psi_rad - scaling.azimuth_low_rad, turn_rad)
+    unit = np.stack(
+        (
+            (rho - scaling.rho_min) / (scaling.rho_max - scaling.rho_min),
+            (phi_rad - scaling.polar_low_rad) / (scaling.polar_high_rad - scaling.polar_low_rad),
+            (psi_rad - scaling.azimuth_low_rad)
+            / (scaling.azimuth_high_rad - scaling.azimuth_low_rad),
+        ),
+        axis=-1,
+    )
+    return np.clip(2.0 * unit - 1.0, -1.0, 1.0)

@@ -1,0 +1,117 @@
+"""Algorithm 1 of the paper: the update, lines 10 to 14.
+
+The loop around it (lines 4 to 9) is in ``train``. Additions to the paper are options, each off
+in preset ``paper`` unless its documentation says otherwise.
+"""
+
+import copy
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from training.networks import ACTION_SIZE, ActorNetwork, CriticNetwork, polyak_update
+from training.presets import DdpgOptions
+from training.replay_buffer import Batch
+
+
+class Losses(NamedTuple):
+    """Of one update; tensors without a graph, so that reading them is left to the log."""
+
+    critic: Tensor
+    actor: Tensor
+    value: Tensor
+    """Mean Q of the batch's states under the actor."""
+
+
+class Ddpg:
+    """Actor, critic, their targets and optimisers."""
+
+    def __init__(self, observation_size: int, options: DdpgOptions, seed: int) -> None:
+        self.options = options
+        self.noise_generator = torch.Generator().manual_seed(seed)
+
+        # Lines 1 and 2: random actor and critic, targets equal to them.
+        self.actor = ActorNetwork(observation_size, options.hidden, self.noise_generator)
+        num_critics = 2 if options.twin_critics else 1
+        self.critic = CriticNetwork(
+            observation_size, options.hidden, num_critics, self.noise_generator
+        )
+        self.actor_target = copy.deepcopy(self.actor).requires_grad_(False)
+        self.critic_target = copy.deepcopy(self.critic).requires_grad_(False)
+        self.actor_average = copy.deepcopy(self.actor).requires_grad_(False)
+
+        self.actor_optimizer = torch.optim.Adam(
+            self.actor.parameters(), lr=options.actor_lr, fused=True
+        )
+        self.critic_optimizer = torch.optim.Adam(
+            self.critic.parameters(), lr=options.critic_lr, fused=True
+        )
+
+    def update(self, batch: Batch) -> Losses:
+        """Take one gradient step on the critic and one on the actor, then track the targets."""
+        # Line 11: the Bellman target. Truncated episodes bootstrap, terminated ones do not.
+        with torch.no_grad():
+            next_action = self._next_action(batch.next_observation)
+            next_q = self.critic_target(batch.next_observation, next_action).amin(dim=0)
+            target_q = batch.reward + batch.bootstrap * next_q
+
+        # Line 12: minimise the mean squared error of the critic, of both where there are two.
+        q = self.critic(batch.observation, batch.action)
+        critic_loss = F.mse_loss(q, target_q.expand_as(q), reduction="sum") / len(target_q)
+        self.critic_optimizer.zero_grad()
+        critic_loss.backward()
+        self.critic_optimizer.step()
+
+        # Line 13: ascend Q along the policy. No gradient is computed for the critic's weights.
+        pre_activation = self.actor.pre_activation(batch.observation)
+        value = self.critic.first(batch.observation, torch.tanh(pre_activation)).mean()
+        penalty = self.options.pre_activation_penalty * pre_activation.square().mean()
+        actor_loss = penalty - value
+        self.actor_optimizer.zero_grad()
+        actor_loss.backward(inputs=list(self.actor.parameters()))
+        self.actor_optimizer.step()
+
+        # Line 14: the target networks follow, by tau = 1 - nu (E5).
+        polyak_update(self.critic, self.critic_target, self.options.tau)
+        polyak_update(self.actor, self.actor_target, self.options.tau)
+        polyak_update(self.actor, self.actor_average, self.options.average_tau)
+        return Losses(critic_loss.detach(), actor_loss.detach(), value.detach())
+
+    def _next_action(self, next_observation: Tensor) -> Tensor:
+        """Return mu'(s'), with TD3's clipped noise where the options ask for it."""
+        action: Tensor = self.actor_target(next_observation)
+        std = self.options.target_noise
+        if std == 0.0:
+            return action
+        noise = torch.randn(len(action), ACTION_SIZE, generator=self.noise_generator)
+        return (action + (std * noise).clamp(-2.0 * std, 2.0 * std)).clamp(-1.0, 1.0)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return networks, optimisers and the noise's generator."""
+        return {
+            **{name: getattr(self, name).state_dict() for name in (*_NETWORKS, *_OPTIMIZERS)},
+            "noise_generator": self.noise_generator.get_state(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restore everything ``state_dict`` returned."""
+        for name in (*_NETWORKS, *_OPTIMIZERS):
+            getattr(self, name).load_state_dict(state[name])
+        self.noise_generator.set_state(state["noise_generator"])
+
+    def transfer_from(self, state: Mapping[str, Any]) -> None:
+        """Start from another stage's networks: the paper's transfer learning.
+
+        Actor, critic and targets are carried over. Optimisers keep their fresh state, because
+        the moments of the old task's gradients say nothing of the new one; replay buffer and
+        epsilon are the caller's and start afresh.
+        """
+        for name in _NETWORKS:
+            getattr(self, name).load_state_dict(state[name])
+
+
+_NETWORKS = ("actor", "critic", "actor_target", "critic_target", "actor_average")
+_OPTIMIZERS = ("actor_optimizer", "critic_optimizer")

@@ -1,0 +1,182 @@
+"""Every number of an experiment in one place, with its source.
+
+``paper`` is the paper as literally as its errata allow. ``flight`` is the same algorithm free to
+use what makes it work. A preset has a stage ``free`` (the paper's source task) and a stage
+``obstacles`` that starts from the networks of the first.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from companion.errors import UsageError
+from companion.policy.action import PAPER_SCALING, TARGET_SCALING, ActionScaling
+from companion.policy.observation import LAYOUTS, Layout
+
+PresetName = Literal["paper", "flight"]
+StageName = Literal["free", "obstacles"]
+LayoutName = Literal["paper", "relative"]
+
+
+@dataclass(frozen=True, slots=True)
+class DdpgOptions:
+    """What the learner does; the paper gives tau and the batch size only (E6)."""
+
+    hidden: tuple[int, ...] = (128, 128)
+    """Widths of the ReLU layers of actor and critic."""
+    gamma: float = 0.95
+    """Discount per step: a horizon of 20 steps, four times the way across the map."""
+    actor_lr: float = 5e-4
+    critic_lr: float = 1e-3
+    tau: float = 0.01
+    """Weight of the new parameters in the target networks: 1 - nu (E5)."""
+    pre_activation_penalty: float = 0.01
+    """Weight of the squared input of tanh in the actor's loss (the action penalty of hindsight
+    experience replay's DDPG). Without it the actor saturates and stops learning."""
+    twin_critics: bool = False
+    """Two critics, the smaller value in the target: TD3's clipped double Q."""
+    target_noise: float = 0.0
+    """Standard deviation of TD3's noise on the target action, clipped at twice itself."""
+    average_tau: float = 0.001
+    """Weight of the new parameters in the averaged actor, evaluated beside the actor."""
+
+
+@dataclass(frozen=True, slots=True)
+class WorldOptions:
+    """The world the actor learns in."""
+
+    horizon: int = 100
+    """T of Table I."""
+    arrival_radius_m: float = 5.0
+    """Success, which the paper leaves open (E9)."""
+    beta: float = 0.8
+    """Weight of the obstacle penalty; the paper's 4, read as beta / (1 - beta) (E4)."""
+    end_on_contact: bool = False
+    """The paper's vehicle passes through obstacles at a price (E13)."""
+    restart_probability: float = 0.0
+    """Chance per step of a new episode: exploring starts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """One experiment."""
+
+    name: PresetName
+    stage: StageName
+    layout_name: LayoutName
+    world: WorldOptions = field(default_factory=WorldOptions)
+    ddpg: DdpgOptions = field(default_factory=DdpgOptions)
+    batch_size: int = 256
+    """N of Table I."""
+    replay_capacity: int = 10_000
+    """B of Table I (E11)."""
+    num_steps: int = 1
+    """Steps of reward in one transition; the paper's is one."""
+    epsilon_start: float = 0.9
+    """Table I: chance of a random action at first,"""
+    epsilon_end: float = 0.1
+    """and at last."""
+    epsilon_fraction: float = 0.5
+    """Share of the run over which epsilon falls; the paper does not say."""
+    exploration_noise: float = 0.0
+    """Standard deviation of the noise on the actor's own actions."""
+    lr_final: float = 1.0
+    """Learning rates fall linearly over the run, to this share of their first value."""
+    num_worlds: int = 64
+    """Worlds stepped at once; the paper's M = 40000 episodes ran one after the other."""
+    updates_per_step: int = 4
+    """Gradient steps for each step of all worlds."""
+    warmup_steps: int = 20
+    """Steps of all worlds before the first update."""
+    updates: int = 12_000
+    """Length of the run. The paper's is 4 million."""
+    validate_every: int = 1_000
+    """Updates between validations."""
+    validation_episodes: int = 500
+    stop_at: float = 1.0
+    """Stop as soon as the completion rate of a validation reaches this; above 1: never."""
+
+    @property
+    def layout(self) -> Layout:
+        """Return the observation layout."""
+        return LAYOUTS[self.layout_name]
+
+    @property
+    def scaling(self) -> ActionScaling:
+        """Return the action's meaning: psi is measured the way the layout sees the target."""
+        return PAPER_SCALING if self.layout_name == "paper" else TARGET_SCALING
+
+
+def load_preset(
+    name: PresetName,
+    stage: StageName,
+    *,
+    layout: LayoutName | None = None,
+    updates: int | None = None,
+    beta: float | None = None,
+) -> Preset:
+    """Return a preset, with the few numbers that the command line may change.
+
+    Args:
+        name: ``paper`` or ``flight``.
+        stage: ``free`` or ``obstacles``.
+        layout: Another observation layout than the preset's.
+        updates: Another length of the run.
+        beta: Another weight of the obstacle penalty.
+
+    Raises:
+        UsageError: If a number makes no sense, the paper's literal ``beta = 4`` among them.
+    """
+    preset = PRESETS[name, stage]
+    if layout is not None:
+        preset = replace(preset, layout_name=layout)
+    if updates is not None:
+        if updates < 1:
+            raise UsageError(f"--updates must be at least 1, got {updates}")
+        preset = replace(preset, updates=updates)
+    if beta is not None:
+        preset = replace(preset, world=replace(preset.world, beta=_checked_beta(beta)))
+    return preset
+
+
+def _checked_beta(beta: float) -> float:
+    if 0.0 <= beta < 1.0:
+        return beta
+    if beta == 4.0:
+        raise UsageError(
+            "--beta 4 is the paper's literal value and would punish reaching the target "
+            "(1 - beta = -3): it is the ratio beta / (1 - beta), so ask for --beta 0.8"
+        )
+    raise UsageError(f"--beta must be in [0, 1), got {beta:g}")
+
+
+_PAPER_FREE = Preset(name="paper", stage="free", layout_name="paper")
+
+_FLIGHT_FREE = Preset(
+    name="flight",
+    stage="free",
+    layout_name="relative",
+    world=WorldOptions(restart_probability=0.02),
+    ddpg=DdpgOptions(twin_critics=True, target_noise=0.03),
+    replay_capacity=200_000,
+    num_steps=3,
+    epsilon_end=0.02,
+    exploration_noise=0.05,
+    num_worlds=256,
+)
+
+PRESETS: dict[tuple[PresetName, StageName], Preset] = {
+    ("paper", "free"): _PAPER_FREE,
+    ("paper", "obstacles"): replace(
+        _PAPER_FREE, stage="obstacles", updates=100_000, validate_every=5_000
+    ),
+    ("flight", "free"): _FLIGHT_FREE,
+    ("flight", "obstacles"): replace(
+        _FLIGHT_FREE,
+        stage="obstacles",
+        world=WorldOptions(end_on_contact=True, restart_probability=0.02),
+        epsilon_start=0.3,
+        updates=100_000,
+        validate_every=2_500,
+        lr_final=0.1,
+    ),
+}

@@ -1,0 +1,249 @@
+"""One training run from start, transfer or checkpoint to an exported actor."""
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from companion.errors import UsageError
+from companion.policy.actor import Actor
+from companion.policy.contract import (
+    Contract,
+    DynamicsContract,
+    EvaluationRecord,
+    MapContract,
+    ObservationContract,
+)
+from companion.world.maps import Map, load_map
+from training.evaluate import evaluate_policy, fly_straight
+from training.export import export_actor
+from training.networks import ActorNetwork
+from training.presets import Preset, load_preset
+from training.run_folder import RunFolder, RunRecord
+from training.seeds import Purpose
+from training.trainer import Trainer, network_policy
+
+LOG_EVERY = 500
+"""Updates between two lines of the log."""
+TEST_EPISODES = 1_000
+"""As many as the paper's."""
+TEST_SEED = 0
+_FREE_EDGES = (0.5, 10.0)
+"""Edges on which an actor free of maps may fly, as multiples of the edge of its training: the
+kinematic world looks the same at every scale, but 1 % of the edge is all the precision it has."""
+
+Report = Callable[[Trainer, dict[str, Any]], None]
+"""Told of every line of the log as it is written."""
+
+
+def start_run(record: RunRecord, folder: RunFolder) -> Trainer:
+    """Set up a new run, with the networks of another where ``record.init`` names one.
+
+    Raises:
+        UsageError: If the folder holds a run already, or the other run does not fit.
+    """
+    if folder.checkpoint_path.exists():
+        raise UsageError(
+            f"{folder.folder} holds a run already: --resume it or choose another --out"
+        )
+    trainer = _build(record)
+    if record.init is not None:
+        _transfer(trainer, RunFolder(Path(record.init)))
+    folder.write_record(record)
+    folder.log_path.unlink(missing_ok=True)
+    return trainer
+
+
+def resume_run(folder: RunFolder) -> Trainer:
+    """Set up a run to go on from its checkpoint to the result it would have had.
+
+    Raises:
+        UsageError: If there is no run, no checkpoint, or the map has changed since.
+    """
+    record = folder.read_record()
+    trainer = _build(record)
+    if trainer.city.content_hash != record.map_hash:
+        raise UsageError(f"map {record.map} has changed since {folder.folder} was started")
+    state = folder.load_checkpoint()
+    trainer.load_state_dict(state["trainer"])
+    folder.cut_log(state["log_size"])
+    return trainer
+
+
+def run(
+    trainer: Trainer,
+    folder: RunFolder,
+    report: Report,
+    *,
+    now_s: Callable[[], float],
+    stop: Callable[[], bool],
+) -> bool:
+    """Train until the run is over or ``stop`` says so; always leaves a checkpoint.
+
+    Args:
+        trainer: As ``start_run`` or ``resume_run`` returned it.
+        folder: Where log and checkpoint go.
+        report: Told of every line of the log.
+        now_s: Monotonic clock, for rates only: it changes no result.
+        stop: Asked between two steps.
+
+    Returns:
+        Whether the run is over.
+    """
+    began_s, began_updates, began_steps = now_s(), trainer.updates, trainer.steps
+    while not trainer.finished and not stop():
+        before = trainer.updates
+        trainer.advance()
+        if _crossed(LOG_EVERY, before, trainer.updates):
+            seconds = max(now_s() - began_s, 1e-9)
+            entry = {
+                "kind": "training",
+                "updates": trainer.updates,
+                "steps": trainer.steps * trainer.preset.num_worlds,
+                **trainer.meter.take(),
+                "epsilon": trainer.epsilon,
+                "saturated": trainer.saturated(),
+                "updates_per_s": (trainer.updates - began_updates) / seconds,
+                "steps_per_s": (trainer.steps - began_steps) * trainer.preset.num_worlds / seconds,
+            }
+            folder.append_log(entry)
+            report(trainer, entry)
+        last = trainer.updates >= trainer.preset.updates
+        if _crossed(trainer.preset.validate_every, before, trainer.updates) or last:
+            results = trainer.validate(now_s)
+            entry = {
+                "kind": "validation",
+                "updates": trainer.updates,
+                **{name: msgspec.to_builtins(result) for name, result in results.items()},
+            }
+            folder.append_log(entry)
+            report(trainer, entry)
+            _save(trainer, folder)
+    _save(trainer, folder)
+    return trainer.finished
+
+
+def export_run(folder: RunFolder, path: Path, *, now_s: Callable[[], float]) -> Actor:
+    """Export the best actor of a run, proven on held-out cases, to ``path``.
+
+    Raises:
+        UsageError: If the run has no checkpoint, or none of its actors was validated yet.
+    """
+    record = folder.read_record()
+    trainer = _build(record)
+    trainer.load_state_dict(folder.load_checkpoint()["trainer"])
+    if not trainer.best.network:
+        raise UsageError(f"{folder.folder}: no actor was validated yet, train on with --resume")
+    network: ActorNetwork = trainer.learner.actor
+    network.load_state_dict(trainer.best.network)
+    evaluation = _test(trainer.preset, trainer.city, network, path.stem, now_s)
+    return export_actor(network, contract_of(record, trainer, (evaluation,)), path)
+
+
+def contract_of(
+    record: RunRecord, trainer: Trainer, evaluation: tuple[EvaluationRecord, ...]
+) -> Contract:
+    """Return what flight must know of the actors of a run.
+
+    An actor trained without obstacles is free of maps; one trained among obstacles that its
+    layout does not show has learnt them by heart and is bound to their map.
+    """
+    edge_m = trainer.city.edge_m
+    bound = record.stage == "obstacles"
+    low, high = (1.0, 1.0) if bound else _FREE_EDGES
+    return Contract(
+        observation=ObservationContract.of(trainer.preset.layout),
+        action=trainer.preset.scaling,
+        dynamics=DynamicsContract(edge_m, edge_m * low, edge_m * high),
+        map=MapContract(trainer.city.name, trainer.city.content_hash) if bound else None,
+        avoids_obstacles=bound,
+        preset=record.preset,
+        stage=record.stage,
+        seed=record.seed,
+        git_revision=record.git_revision,
+        command=record.command,
+        evaluation=evaluation,
+    )
+
+
+@contextmanager
+def stop_on_signal() -> Iterator[Callable[[], bool]]:
+    """Turn the first Ctrl-C or SIGTERM into a question answered with yes; the second kills."""
+    asked = False
+
+    def remember(number: int, frame: object) -> None:
+        nonlocal asked
+        asked = True
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+
+    before = {kind: signal.signal(kind, remember) for kind in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: asked
+    finally:
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+
+
+def _build(record: RunRecord) -> Trainer:
+    preset = load_preset(
+        record.preset,
+        record.stage,
+        layout=record.layout,
+        updates=record.updates,
+        beta=record.beta,
+    )
+    return Trainer(preset, load_map(record.map), record.seed)
+
+
+def _transfer(trainer: Trainer, source: RunFolder) -> None:
+    record = source.read_record()
+    if record.layout != trainer.preset.layout_name:
+        raise UsageError(
+            f"--init {source.folder} was trained on layout {record.layout}, "
+            f"this run uses {trainer.preset.layout_name}"
+        )
+    state = source.load_checkpoint()["trainer"]["learner"]
+    try:
+        trainer.learner.transfer_from(state)
+    except RuntimeError as error:
+        raise UsageError(
+            f"--init {source.folder}: its networks differ in shape from those of preset "
+            f"{trainer.preset.name}, use a free run of the same preset"
+        ) from error
+
+
+def _test(
+    preset: Preset, city: Map, network: ActorNetwork, name: str, now_s: Callable[[], float]
+) -> EvaluationRecord:
+    cases: dict[str, Any] = {"episodes": TEST_EPISODES, "seed": TEST_SEED, "now_s": now_s}
+    place = (city, preset.layout, preset.scaling)
+    result = evaluate_policy(network_policy(network), *place, purpose=Purpose.TEST, **cases)
+    straight = evaluate_policy(fly_straight, *place, purpose=Purpose.TEST, **cases)
+    low, high = result.completion_rate_ci95
+    return EvaluationRecord(
+        map_name=city.name,
+        episodes=TEST_EPISODES,
+        seed=TEST_SEED,
+        completion_rate=result.completion_rate,
+        completion_rate_low=low,
+        completion_rate_high=high,
+        completion_2m=result.completion_2m,
+        completion_1m=result.completion_1m,
+        collision_rate=result.collision_rate,
+        timeout_rate=result.timeout_rate,
+        straight_completion_rate=straight.completion_rate,
+        command=f"training evaluate --actor {name} --map {city.name} "
+        f"--episodes {TEST_EPISODES} --seed {TEST_SEED}",
+    )
+
+
+def _save(trainer: Trainer, folder: RunFolder) -> None:
+    folder.save_checkpoint({"trainer": trainer.state_dict(), "log_size": folder.log_size()})
+
+
+def _crossed(every: int, before: int, after: int) -> bool:
+    return after // every > before // every
