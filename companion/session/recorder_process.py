@@ -15,9 +15,11 @@ from pathlib import Path
 from typing import Protocol
 
 from companion.clock import now_s
-from companion.session.folder import TLOG
+from companion.errors import CompanionError
+from companion.session.folder import RECORDING, TLOG
 from companion.session.records import Raw, Record, RecordReader, SessionStart
 from companion.session.tlog import TlogWriter
+from companion.session.viewer import has_display, open_viewer, optimize
 
 Say = Callable[[str], None]
 
@@ -57,17 +59,15 @@ class TlogOutput:
             OSError: If the folder cannot be written to.
         """
         self._file = path.open("wb")
-        self._writer = TlogWriter(self._file)
-        self._start_utc_us = 0
+        self._writer = TlogWriter(self._file, 0)
         self._synced_s = 0.0
 
     def write(self, record: Record) -> None:
-        """Take one record; only the raw bytes matter here."""
+        """Take one record; only the raw frames matter here."""
         if isinstance(record, SessionStart):
-            self._start_utc_us = record.start_utc_us
+            self._writer = TlogWriter(self._file, record.start_utc_us)
         elif isinstance(record, Raw):
-            utc_us = self._start_utc_us + round(record.time_s * 1e6)
-            self._writer.write(record.data, sent=record.sent, utc_us=utc_us)
+            self._writer.write(record.time_s, record.data)
 
     def flush(self, now_s: float) -> None:
         """Hand what there is to the system, and now and then to the disk."""
@@ -132,13 +132,37 @@ def _say(text: str) -> None:
         os.write(sys.stdout.fileno(), f"{text}\n".encode())
 
 
-def _open_outputs(folder: Path) -> list[Output]:
+def _open_outputs(folder: Path, live: str) -> list[Output]:
+    """Open what can be opened and say what cannot."""
     outputs: list[Output] = []
     try:
         outputs.append(TlogOutput(folder / TLOG))
     except OSError as error:
         _say(f"no {TLOG}: {error}")
+    try:
+        from companion.session.streams import file_output, live_output
+    except ImportError:
+        _say(f'no {RECORDING}: Rerun is not installed (pip install "rerun-sdk==0.41.*")')
+        return outputs
+    outputs.append(file_output(folder))
+    if live != "off":
+        outputs.append(live_output(_announce_and_open if live == "spawn" else _announce))
     return outputs
+
+
+def _announce(address: str) -> None:
+    _say(f"live view: rerun --connect {address}")
+
+
+def _announce_and_open(address: str) -> None:
+    _announce(address)
+    if not has_display():
+        _say("no viewer opened: there is no display here")
+        return
+    try:
+        open_viewer("--connect", address)
+    except CompanionError as error:
+        _say(f"no viewer opened: {error}")
 
 
 def main() -> None:
@@ -147,10 +171,12 @@ def main() -> None:
         signal.signal(number, signal.SIG_IGN)  # the end of the pipe is the only end
     os.nice(_NICENESS)
     os.set_blocking(sys.stdout.fileno(), False)
-    folder = Path(sys.argv[1])
-    outputs = Outputs(_open_outputs(folder), _say)
+    folder, live = Path(sys.argv[1]), sys.argv[2]
+    outputs = Outputs(_open_outputs(folder, live), _say)
     drain(sys.stdin.fileno(), outputs)
     outputs.close()
+    if (folder / RECORDING).exists() and not optimize(folder / RECORDING):
+        _say(f"{RECORDING} is complete, only larger than need be: it could not be rewritten")
 
 
 if __name__ == "__main__":

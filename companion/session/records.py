@@ -112,9 +112,10 @@ class Tick(msgspec.Struct, frozen=True, kw_only=True, array_like=True, gc=False,
 
 
 class Raw(msgspec.Struct, frozen=True, array_like=True, gc=False, tag="raw"):
-    """Bytes as they crossed the link, either way."""
+    """One MAVLink frame as it crossed the link."""
 
     sent: bool
+    """By us; else received."""
     time_s: float
     data: bytes
 

@@ -1,0 +1,180 @@
+"""How a session opens in the viewer: scene and plots above, states, messages and summary below."""
+
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.blueprint.archetypes import VisibleTimeRanges
+
+from companion.session import colors, curves
+from companion.session.curves import Curve
+from companion.session.records import SessionStart
+
+_LIVE_WINDOW_S = 60.0
+_ALWAYS = rrb.TimeRange(
+    start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite()
+)
+_LAST_MINUTE = rrb.TimeRange(
+    start=rrb.TimeRangeBoundary.cursor_relative(seconds=-_LIVE_WINDOW_S),
+    end=rrb.TimeRangeBoundary.cursor_relative(),
+)
+_UP = (0.0, 0.0, 1.0)
+
+
+def blueprint(start: SessionStart, *, live: bool) -> rrb.Blueprint:
+    """Return the layout; a live view follows the vehicle and shows the last minute.
+
+    It depends on what the session was started with, never on what happened in it: the viewer
+    shows all sessions of this application in one layout.
+    """
+    window = _LAST_MINUTE if live else _ALWAYS
+    scenes = [_city(start), _top(start), _chase(start)]
+    plots = [
+        _page(
+            "Flight",
+            (curves.DISTANCE, curves.CLEARANCE, curves.ALTITUDE, curves.SPEED),
+            start,
+            window,
+        ),
+        _page("Velocity", (curves.EAST, curves.NORTH, curves.UP), start, window),
+        _policy(start, window),
+        _health(start, window),
+    ]
+    texts = [
+        rrb.StateTimelineView(
+            origin="state", name="States", time_view=rrb.archetypes.TimeAxis(view_range=window)
+        ),
+        rrb.TextLogView(
+            origin="log",
+            name="Messages",
+            columns=rrb.TextLogColumns(
+                timeline_columns=["session"], text_log_columns=["LogLevel", "Body"]
+            ),
+        ),
+        rrb.TextDocumentView(origin="summary", name="Summary"),
+    ]
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.Horizontal(
+                rrb.Tabs(*scenes, active_tab="Chase" if live else "City"),
+                rrb.Tabs(*plots, active_tab=0),
+                column_shares=[3, 2],
+            ),
+            rrb.Horizontal(*texts, column_shares=[7, 7, 8]),
+            row_shares=[7, 3],
+        ),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(
+            state="collapsed", timeline="session", play_state="following" if live else "paused"
+        ),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _city(start: SessionStart) -> rrb.Spatial3DView:
+    """See the whole map from the south-west, high enough to look into the streets."""
+    east_m, north_m, _ = start.map.size_m
+    edge_m, top_m = max(east_m, north_m), max(start.map.heights_m, default=0.0)
+    centre_m = (0.5 * east_m, 0.5 * north_m, 0.22 * top_m)
+    back_m = 0.72 * edge_m + 0.1 * top_m
+    eye_m = (centre_m[0] - back_m, centre_m[1] - 1.1 * back_m, 0.75 * edge_m + 0.4 * top_m)
+    return _scene(
+        start, "City", rrb.EyeControls3D(position=eye_m, look_target=centre_m, eye_up=_UP)
+    )
+
+
+def _top(start: SessionStart) -> rrb.Spatial3DView:
+    """See the map from straight above, north up."""
+    east_m, north_m, _ = start.map.size_m
+    centre_m = (0.5 * east_m, 0.5 * north_m, 0.0)
+    eye_m = (centre_m[0], centre_m[1], 1.35 * max(east_m, north_m))
+    eye = rrb.EyeControls3D(position=eye_m, look_target=centre_m, eye_up=(0.0, 1.0, 0.0))
+    return _scene(start, "Top", eye)
+
+
+def _chase(start: SessionStart) -> rrb.Spatial3DView:
+    """Fly behind the vehicle, looking along its course."""
+    scale_m = 0.01 * max(start.map.size_m[:2])
+    return _scene(
+        start,
+        "Chase",
+        rrb.EyeControls3D(
+            position=(-17.0 * scale_m, 0.0, 6.0 * scale_m),
+            look_target=(8.0 * scale_m, 0.0, -1.0 * scale_m),
+            eye_up=_UP,
+        ),
+        frame="world/chase",
+        hidden=("world/vehicle/dot",),
+    )
+
+
+def _scene(
+    start: SessionStart,
+    name: str,
+    eye: rrb.EyeControls3D,
+    *,
+    frame: str | None = None,
+    hidden: tuple[str, ...] = (),
+) -> rrb.Spatial3DView:
+    whole = rrb.VisibleTimeRange("session", start=_ALWAYS.start, end=_ALWAYS.end)
+    return rrb.Spatial3DView(
+        origin="world",
+        contents=["+ $origin/**", *(f"- /{path}" for path in hidden)],
+        name=name,
+        background=rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=colors.BACKGROUND),
+        line_grid=rrb.LineGrid3D(visible=False),
+        spatial_information=rrb.SpatialInformation(target_frame=f"tf#/{frame or 'world'}"),
+        eye_controls=eye,
+        overrides={
+            f"world/path/{who}": [
+                VisibleTimeRanges([whole]),
+                rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(width)),
+            ]
+            for who, width in (("vehicle", 2.5), ("target", 1.2))
+        },
+    )
+
+
+def _page(
+    name: str, shown: tuple[Curve, ...], start: SessionStart, window: rrb.TimeRange
+) -> rrb.Vertical:
+    return rrb.Vertical(*(_plot(curve, start, window) for curve in shown), name=name)
+
+
+def _policy(start: SessionStart, window: rrb.TimeRange) -> rrb.Vertical:
+    shown = (_plot(curve, start, window) for curve in (curves.ACTION, curves.RHO, curves.ANGLES))
+    observation = _series(curves.OBSERVATION_PATH, curves.OBSERVATION_TITLE, window)
+    return rrb.Vertical(*shown, observation, name="Policy")
+
+
+def _health(start: SessionStart, window: rrb.TimeRange) -> rrb.Vertical:
+    shown = (_plot(curve, start, window) for curve in (curves.LOOP, curves.AGES, curves.BATTERY))
+    rates = _series(curves.RATES_PATH, curves.RATES_TITLE, window)
+    return rrb.Vertical(*shown, rates, name="Health")
+
+
+def _plot(curve: Curve, start: SessionStart, window: rrb.TimeRange) -> rrb.TimeSeriesView:
+    return _series(
+        curve.path,
+        curve.title,
+        window,
+        axis_y=rrb.ScalarAxis(range=curve.span(start)) if curve.span else None,
+        corner=rrb.Corner2D.LeftTop if curve.legend_left else rrb.Corner2D.RightTop,
+    )
+
+
+def _series(
+    origin: str,
+    title: str,
+    window: rrb.TimeRange,
+    *,
+    axis_y: rrb.ScalarAxis | None = None,
+    corner: rrb.Corner2D = rrb.Corner2D.RightTop,
+) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=origin,
+        name=title,
+        axis_x=rrb.archetypes.TimeAxis(view_range=window),
+        axis_y=axis_y,
+        plot_legend=rrb.PlotLegend(corner=corner),
+    )

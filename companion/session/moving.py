@@ -1,0 +1,129 @@
+"""Ticks into what moves in the 3-D view: vehicle, target, arrows, paths, the chase camera."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import rerun as rr
+
+from companion.arrays import FloatArray
+from companion.session import colors, motion, scene
+from companion.session.colors import Color
+from companion.session.records import SessionStart, Tick
+from companion.session.writer import StreamWriter
+from companion.world.geometry import Obstacles
+
+_ARROW_S = 1.5  # an arrow ends where the vehicle would be by then
+_NEAR_MARGINS = 5.0  # obstacles farther away than this many margins are not pointed at
+_ARROWS: dict[str, tuple[Color, float, Callable[[Tick], list[float] | None]]] = {
+    "proposed": (colors.PROPOSED, 0.0035, lambda tick: tick.proposed_enu_mps),
+    "sent": (colors.SENT, 0.0028, lambda tick: tick.safe_enu_mps),
+    "measured": (colors.MEASURED, 0.0020, lambda tick: tick.velocity_enu_mps),
+}
+"""Colour, radius as a fraction of the map, velocity; thinner ones lie inside thicker ones."""
+
+
+class Moving:
+    """Logs what moves, a batch of ticks at a time."""
+
+    def __init__(self, writer: StreamWriter, start: SessionStart) -> None:
+        """Colour the arrows and the plumb line."""
+        self._writer = writer
+        self._start = start
+        self._edge_m = max(start.map.size_m[:2])
+        self._course = motion.Course()
+        self._paths = {"vehicle": motion.Path(), "target": motion.Path()}
+        self._shown: set[str] = set()
+        for name, (color, radius, _) in _ARROWS.items():
+            style = rr.Arrows3D.from_fields(colors=[color], radii=[radius * self._edge_m])
+            writer.static(f"world/velocity/{name}", style)
+        writer.static("world/plumb", scene.line_style(colors.LIMIT, 1.0))
+        writer.static("world/nearest", scene.line_style(colors.SHIELDED, 1.5))
+        footprints_m = [np.array(ring) for ring in start.map.footprints_m]
+        self._obstacles = Obstacles(footprints_m, start.map.heights_m)
+
+    def send(self, ticks: Sequence[Tick]) -> None:
+        """Send one batch."""
+        placed = [tick for tick in ticks if tick.position_enu_m is not None]
+        if placed:
+            self._send_vehicle(placed)
+        targeted = [tick for tick in ticks if tick.target_enu_m is not None]
+        if targeted:
+            self._send_target(targeted)
+
+    def _send_vehicle(self, ticks: Sequence[Tick]) -> None:
+        if "vehicle" not in self._shown:
+            self._shown.add("vehicle")
+            for name, shape in scene.vehicle_shapes(self._edge_m).items():
+                self._writer.at(ticks[0].time_s, f"world/vehicle/{name}", shape)
+        times_s = [tick.time_s for tick in ticks]
+        position_m = motion.vectors([tick.position_enu_m for tick in ticks])
+        attitude_rad = motion.vectors([tick.attitude_rad or [0.0, 0.0, 0.0] for tick in ticks])
+        course_rad = np.array([self._course.update(tick) for tick in ticks])
+        for path, quaternion in (
+            ("world/vehicle", motion.attitude_enu(attitude_rad)),
+            ("world/chase", motion.yaw_enu(course_rad)),
+        ):
+            pose = rr.Transform3D.columns(translation=position_m, quaternion=quaternion)
+            self._writer.columns(path, times_s, pose)
+        self._send_distances(times_s, position_m)
+        for name, (_, _, velocity) in _ARROWS.items():
+            self._send_arrows(f"world/velocity/{name}", ticks, velocity)
+        margin_m = self._start.margin_m
+        self._send_path(
+            "vehicle",
+            [(tick, tick.position_enu_m, motion.path_color(tick, margin_m)) for tick in ticks],
+        )
+
+    def _send_distances(self, times_s: Sequence[float], position_m: FloatArray) -> None:
+        """Send the line down to ground or roof, and the one to the nearest obstacle if near."""
+        below_m = np.column_stack((position_m[:, :2], self._obstacles.floor_m(position_m)))
+        plumb_m = np.stack((position_m, below_m), axis=1)
+        self._writer.columns("world/plumb", times_s, rr.LineStrips3D.columns(strips=list(plumb_m)))
+        surface_m = self._obstacles.nearest_surface(position_m)
+        near = (
+            np.linalg.norm(surface_m - position_m, axis=-1) < _NEAR_MARGINS * self._start.margin_m
+        )
+        lines_m = np.stack((position_m, surface_m), axis=1)[near]
+        columns = rr.LineStrips3D.columns(strips=list(lines_m)).partition(near.astype(int))
+        self._writer.columns("world/nearest", times_s, columns)
+
+    def _send_arrows(
+        self, path: str, ticks: Sequence[Tick], velocity: Callable[[Tick], list[float] | None]
+    ) -> None:
+        """Send one arrow for each tick, none where there is no velocity."""
+        arrows = [(tick.position_enu_m, velocity(tick)) for tick in ticks]
+        present = [(position, vector) for position, vector in arrows if vector is not None]
+        columns = rr.Arrows3D.columns(
+            origins=motion.vectors([position for position, _ in present]),
+            vectors=_ARROW_S * motion.vectors([vector for _, vector in present]),
+        ).partition([int(vector is not None) for _, vector in arrows])
+        self._writer.columns(path, [tick.time_s for tick in ticks], columns)
+
+    def _send_target(self, ticks: Sequence[Tick]) -> None:
+        if "target" not in self._shown:
+            self._shown.add("target")
+            for name, shape in scene.target_shapes(self._start.arrival_radius_m).items():
+                self._writer.at(ticks[0].time_s, f"world/target/{name}", shape)
+        position_m = motion.vectors([tick.target_enu_m for tick in ticks])
+        pose = rr.Transform3D.columns(translation=position_m)
+        self._writer.columns("world/target", [tick.time_s for tick in ticks], pose)
+        self._send_path("target", [(tick, tick.target_enu_m, colors.TARGET) for tick in ticks])
+
+    def _send_path(
+        self, name: str, steps: Sequence[tuple[Tick, list[float] | None, Color]]
+    ) -> None:
+        path = self._paths[name]
+        pieces = [
+            path.extend(tick.time_s, position_m, color)
+            for tick, position_m, color in steps
+            if position_m is not None
+        ]
+        segments = [piece for piece in pieces if piece is not None]
+        if segments:
+            columns = rr.LineStrips3D.columns(
+                strips=[[segment.start_m, segment.end_m] for segment in segments],
+                colors=np.array([colors.packed(segment.color) for segment in segments], np.uint32),
+            )
+            self._writer.columns(
+                f"world/path/{name}", [segment.time_s for segment in segments], columns
+            )

@@ -1,0 +1,63 @@
+"""The report of a session in words: what ``review`` prints and the viewer shows."""
+
+from datetime import UTC, datetime
+
+from companion.session.records import SessionStart
+from companion.session.summary import Summary
+
+_MARKDOWN_COLUMNS = 3  # of names and values: the panel is wide and low
+
+
+def facts(summary: Summary) -> list[tuple[str, str]]:
+    """Return what was measured as rows of name and value; what is unknown is left out."""
+    rows = [
+        ("Duration", _text("{:.1f} s", summary.duration_s)),
+        ("Distance flown", _text("{:.1f} m", summary.distance_flown_m)),
+        ("Final distance to target", _text("{:.1f} m", summary.final_distance_m)),
+        ("Smallest clearance", _text("{:.2f} m", summary.min_clearance_m)),
+        ("Highest speed", _text("{:.2f} m/s", summary.max_speed_mps)),
+        ("Shield interventions", f"{summary.shield_interventions}"),
+        ("Setpoints sent", f"{summary.setpoints_sent}"),
+        ("Setpoint rate", _text("{:.2f} Hz", summary.setpoint_rate_hz)),
+        ("Jitter, p99", _text("{:.2f} ms", summary.jitter_p99_ms)),
+        ("Latency, p50", _text("{:.2f} ms", summary.latency_p50_ms)),
+        ("Latency, p99", _text("{:.2f} ms", summary.latency_p99_ms)),
+        ("Late ticks", f"{summary.late_ticks}"),
+        ("Packets lost", _text("{:.2f} %", summary.link_loss_percent)),
+        ("Pilot take-overs", f"{summary.takeovers}"),
+    ]
+    return [(name, value) for name, value in rows if value]
+
+
+def markdown(start: SessionStart, summary: Summary | None) -> str:
+    """Return the summary panel of the viewer."""
+    vehicle, began = start.vehicle, datetime.fromtimestamp(start.start_utc_us / 1e6, UTC)
+    result = "no result: still running, or cut off"
+    rows: list[tuple[str, str]] = []
+    if summary is not None:
+        result = f"{summary.outcome.replace('_', ' ')}: {summary.reason}"
+        rows = facts(summary)
+    rows += [
+        ("Actor", start.actor.name),
+        ("Map", start.map.name),
+        ("Vehicle", f"{vehicle.system_id}: {vehicle.autopilot} {vehicle.version}"),
+        ("v_max, margin", f"{start.v_max_mps:g} m/s, {start.margin_m:g} m"),
+    ]
+    height = -(-len(rows) // _MARKDOWN_COLUMNS)
+    cells = [(*name_value,) for name_value in rows]
+    cells += [("", "")] * (height * _MARKDOWN_COLUMNS - len(cells))
+    lines = [
+        "".join(f"| {name} | {value} " for name, value in cells[row::height])
+        for row in range(height)
+    ]
+    table = "\n".join(["| " * 2 * _MARKDOWN_COLUMNS, "|---" * 2 * _MARKDOWN_COLUMNS, *lines])
+    return (
+        f"### {result}\n\n{table}\n\n"
+        "Path: blue = the policy flew, orange = the shield changed it, red = inside the margin, "
+        "grey = nothing was sent. Arrows: yellow = proposed, green = sent, blue = measured. "
+        f"Began {began:%Y-%m-%d %H:%M:%S} UTC.\n"
+    )
+
+
+def _text(form: str, value: float | None) -> str:
+    return "" if value is None else form.format(value)

@@ -1,0 +1,97 @@
+"""A session as entities of a Rerun stream.
+
+    world/map/...       ground, geofence, obstacles, static; the frame is the map's, ENU with z up
+    world/vehicle       its pose, and its shape as children; world/target likewise
+    world/chase         the vehicle's place and course: the chase camera looks along it
+    world/velocity/...  arrows: proposed, sent, measured
+    world/path/...      where vehicle and target have been; the colour says who decided
+    world/marks/...     places worth a label
+    plots/...           the curves of ``companion.session.curves``
+    state/...           the bands of ``companion.session.bands``
+    log/...             messages of the autopilot and of the companion
+    summary             a page of text
+
+Records are sent as columns: a row at a time would cost ten times the bytes.
+"""
+
+import contextlib
+from collections.abc import Sequence
+
+import rerun as rr
+
+from companion.session import scene
+from companion.session.bands import Bands
+from companion.session.moving import Moving
+from companion.session.plots import Plots
+from companion.session.records import Event, Mark, SessionStart, Tick
+from companion.session.report import markdown
+from companion.session.summary import Summary
+from companion.session.writer import StreamWriter
+from companion.vehicle import Severity
+
+_FLUSH_S = 5.0
+_LEVELS = {
+    Severity.WARNING: rr.TextLogLevel.WARN,
+    Severity.NOTICE: rr.TextLogLevel.INFO,
+    Severity.INFO: rr.TextLogLevel.INFO,
+    Severity.DEBUG: rr.TextLogLevel.DEBUG,
+}
+
+
+class SessionLog:
+    """Logs one session to one stream."""
+
+    def __init__(self, stream: rr.RecordingStream, start: SessionStart) -> None:
+        """Log everything that does not change."""
+        self._stream = stream
+        self._start = start
+        self._writer = StreamWriter(stream, start.start_utc_us)
+        stream.send_recording_name(f"{start.map.name} {start.session_id}")
+        stream.send_recording_start_time_nanos(start.start_utc_us * 1000)
+        map_, actor, vehicle = start.map, start.actor, start.vehicle
+        stream.send_property("map", rr.AnyValues(name=map_.name, hash=map_.content_hash))
+        stream.send_property("actor", rr.AnyValues(name=actor.name, sha256=actor.sha256))
+        stream.send_property(
+            "vehicle", rr.AnyValues(autopilot=vehicle.autopilot, version=vehicle.version)
+        )
+        scene.draw_map(stream, start.map)
+        self._parts = (Moving(self._writer, start), Plots(self._writer, start), Bands(self._writer))
+        self._summarise(None)
+
+    def send(self, ticks: Sequence[Tick], events: Sequence[Event]) -> None:
+        """Send a batch, oldest first."""
+        if ticks:
+            for part in self._parts:
+                part.send(ticks)
+        for source in sorted({event.source for event in events}):
+            lines = [event for event in events if event.source == source]
+            levels = [_LEVELS.get(line.severity, rr.TextLogLevel.ERROR) for line in lines]
+            columns = rr.TextLog.columns(text=[line.text for line in lines], level=levels)
+            self._writer.columns(f"log/{source}", [line.time_s for line in lines], columns)
+
+    def mark(self, mark: Mark) -> None:
+        """Put a label on the map."""
+        path = f"world/marks/{rr.escape_entity_path_part(mark.label)}"
+        self._writer.static(path, scene.mark(mark))
+
+    def end(self, summary: Summary) -> None:
+        """Log how the session ended, for people and as columns of a table of sessions."""
+        result = rr.AnyValues(
+            outcome=summary.outcome,
+            exit_code=summary.exit_code,
+            duration_s=summary.duration_s,
+            min_clearance_m=summary.min_clearance_m,
+            shield_interventions=summary.shield_interventions,
+        )
+        self._stream.send_property("result", result)
+        self._summarise(summary)
+
+    def close(self) -> None:
+        """Finish the stream."""
+        with contextlib.suppress(RuntimeError):  # a viewer that reads no more must not hold us
+            self._stream.flush(timeout_sec=_FLUSH_S)
+        self._stream.disconnect()
+
+    def _summarise(self, summary: Summary | None) -> None:
+        text = markdown(self._start, summary)
+        self._writer.static("summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
