@@ -22,7 +22,7 @@ from companion.policy.actor import Actor
 from companion.positions import Pose, Positions, TargetSource
 from companion.preflight import refusal, target_problem, waiting_for
 from companion.recording import tick_record
-from companion.session.records import Event, Record
+from companion.session.records import Event, Record, Source
 from companion.session.summary import Summary
 from companion.vehicle import (
     EventKind,
@@ -287,7 +287,7 @@ class Flight:
     def _log(self, text: str, severity: Severity, now_s: float, from_autopilot: bool) -> None:
         level = logging.WARNING if severity <= Severity.WARNING else logging.INFO
         _LOG.log(level, "%s%s", "autopilot: " if from_autopilot else "", text)
-        source = "autopilot" if from_autopilot else "companion"
+        source: Source = "autopilot" if from_autopilot else "companion"
         self._record(Event(now_s - self._session_start_s, severity, source, text))
 
     def finish(self, outcome: Outcome, reason: str) -> Summary:

@@ -1,5 +1,8 @@
 """One turn of the loop as a record for the session."""
 
+from collections.abc import Iterable
+from typing import SupportsFloat
+
 from companion.arrays import FloatArray
 from companion.guidance.guidance import Proposal
 from companion.guidance.shield import ShieldDecision
@@ -53,5 +56,5 @@ def tick_record(
     )
 
 
-def _list(values: FloatArray | None) -> list[float] | None:
+def _list(values: Iterable[SupportsFloat] | None) -> list[float] | None:
     return None if values is None else [float(value) for value in values]
