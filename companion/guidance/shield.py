@@ -1,0 +1,289 @@
+"""The last check before the wire: a proposed velocity becomes a safe one, or a hold.
+
+A velocity passes if the vehicle could follow it for one control period plus the reaction time and
+then still stop, all without coming nearer than the margin to an obstacle or leaving the box. If
+not, the nearest velocity that passes is flown instead: along the wall, round the corner, over the
+roof, slower, or not at all. Inside the margin (a start beside a wall, a gust, an error of the
+estimate) only velocities pass that lead out or, where nothing leads out, come no nearer.
+
+The check is exact, not sampled: under the model a stop is a straight line, and obstacles, ground
+and the faces of the box are convex bodies grown by the margin (``hazards``, ``braking``).
+
+The shield is pure: it remembers nothing, reads no clock and draws no random number. It assumes
+
+- a map that tells the truth: what is not on the map does not exist for it;
+- a position error well inside the margin: the margin is what pays for the error of the estimate,
+  of the map and of the frame tie, and for the size of the vehicle itself;
+- a vehicle no slower to follow than ``lag_s`` and ``brake_mps2``, quicker is fine;
+- to be asked every ``period_s`` and obeyed within ``reaction_s``.
+
+It does not cover moving obstacles, other aircraft, a vehicle that does not obey, winds that the
+autopilot cannot hold, or getting out of dead ends: a vehicle that waits in front of a wall because
+the policy wants through it is ``BLOCKED``, and it is for the supervisor to end that. Streets
+narrower than twice the margin are not closed, but nothing can lead out of the margin there: a
+vehicle in one flies in it, one outside does not enter.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.arrays import FloatArray
+from companion.guidance.braking import Braking
+from companion.guidance.candidates import fan, within_walls
+from companion.guidance.hazards import Hazards, Kind
+from companion.guidance.scene import Scene
+from companion.world.maps import Map
+
+_BLOCKED_SHARE = 0.1
+"""A proposal of which less than this is left counts as blocked."""
+_CHANGED_MPS = 1e-6
+_ALIKE_M = 0.05
+"""Where nothing keeps the margin: losses that differ by less count as equal."""
+_INSIDE_M = 0.05
+"""So little inside a margin goes without saying: a vehicle that slides along it wavers."""
+_EMERGENCY_SHARE = 0.5
+"""Of what is to be kept: losing more than this is an emergency."""
+
+
+class ShieldReason(StrEnum):
+    """Why the velocity is what it is. The value is what the log and the viewer show."""
+
+    CLEAR = ""
+    """The proposal itself."""
+    LIMITED = "speed limit"
+    """Faster than allowed: slowed down, same direction."""
+    OBSTACLE = "obstacle"
+    GROUND = "ground"
+    FENCE = "edge of the map"
+    LEADING_OUT = "inside the margin"
+    """Too near to an obstacle, to the ground or to the edge already: back, or no nearer."""
+    BLOCKED = "blocked"
+    """What is safe of the proposal is next to nothing; the vehicle waits."""
+    EMERGENCY = "emergency"
+    """Nothing keeps the margin; what keeps the most of it is flown."""
+    NOT_FINITE = "proposal is not finite"
+    """Not three finite numbers: taken as a hold."""
+    STATE_INVALID = "state is not finite"
+    """Position or velocity are not three finite numbers: hold, and nothing can be said."""
+
+
+_REASONS = {
+    Kind.OBSTACLE: ShieldReason.OBSTACLE,
+    Kind.GROUND: ShieldReason.GROUND,
+    Kind.FENCE: ShieldReason.FENCE,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ShieldLimits:
+    """What the shield keeps, and what it believes of the vehicle."""
+
+    v_max_mps: float = 5.0
+    margin_m: float = 2.0
+    """From obstacles, and from the sides and the top of the box."""
+    min_height_m: float = 2.0
+    """Above the ground."""
+    climb_max_mps: float = 3.0
+    """PX4 MPC_Z_VEL_MAX_UP."""
+    descent_max_mps: float = 1.5
+    """PX4 MPC_Z_VEL_MAX_DN, ArduPilot WPNAV_SPEED_DN."""
+    lag_s: float = 0.6
+    """Time constant of the velocity loop: 0.58 s measured on ArduCopter 4.6, 0.76 s on PX4 1.18
+    toward what it settles to."""
+    brake_mps2: float = 1.6
+    """Deceleration seen when the stream of setpoints ends: 1.5 to 1.7 on both."""
+    period_s: float = 0.05
+    """Of the control loop."""
+    reaction_s: float = 0.1
+    """From the setpoint on the wire to the first change of motion; two periods."""
+    restore_s: float = 1.5
+    """Inside the margin: time constant of the way out."""
+    restore_max_mps: float = 1.5
+    """Inside the margin: largest speed that the way out may demand."""
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} must be positive and finite, got {value}")
+
+
+@dataclass(frozen=True, slots=True)
+class ShieldDecision:
+    """What leaves, and why."""
+
+    velocity_enu_mps: FloatArray
+    """Always finite, shape ``(3,)``, within the limits."""
+    intervened: bool
+    """Whether it differs from the proposal."""
+    reason: ShieldReason
+    clearance_m: float
+    """To the nearest obstacle or the ground, negative inside; NaN where the state is invalid."""
+
+
+class Shield:
+    """Keeps one vehicle on one map out of trouble.
+
+    Args:
+        city: The map.
+        limits: What to keep.
+    """
+
+    def __init__(self, city: Map, limits: ShieldLimits) -> None:
+        self.limits = limits
+        self._obstacles = city.obstacles
+        self._hazards = Hazards.of_map(
+            city, margin_m=limits.margin_m, min_height_m=limits.min_height_m
+        )
+        self._braking = Braking(limits.lag_s, limits.brake_mps2)
+        self._follow_s = limits.period_s + limits.reaction_s
+
+    def check(
+        self,
+        velocity_enu_mps: npt.ArrayLike,
+        *,
+        position_enu_m: npt.ArrayLike,
+        velocity_now_enu_mps: npt.ArrayLike,
+    ) -> ShieldDecision:
+        """Return the velocity to send.
+
+        Never raises, whatever the arguments hold.
+
+        Args:
+            velocity_enu_mps: The proposal, shape ``(3,)``.
+            position_enu_m: Where the vehicle is estimated to be, shape ``(3,)``.
+            velocity_now_enu_mps: What it is doing, shape ``(3,)``.
+        """
+        position, velocity_now = _three(position_enu_m), _three(velocity_now_enu_mps)
+        if position is None or velocity_now is None:
+            return ShieldDecision(np.zeros(3), True, ShieldReason.STATE_INVALID, float("nan"))
+        given = _three(velocity_enu_mps)
+        proposal = np.zeros(3) if given is None else self._limited(given)
+        obstacle_m = float(self._obstacles.signed_distance_m(position))
+        clearance_m = min(obstacle_m, float(position[2]))
+
+        if obstacle_m < 0.0:
+            chosen, reason = self._way_out(position), ShieldReason.EMERGENCY
+        else:
+            chosen, reason = self._safest(proposal, position, velocity_now)
+        if given is None:
+            return ShieldDecision(chosen, True, ShieldReason.NOT_FINITE, clearance_m)
+        changed = bool(np.abs(chosen - given).max() > _CHANGED_MPS)
+        if reason is ShieldReason.CLEAR and changed:
+            reason = ShieldReason.LIMITED
+        return ShieldDecision(chosen, changed, reason, clearance_m)
+
+    def _limited(self, velocity_mps: FloatArray) -> FloatArray:
+        """Return velocities within the speed limits, ``(..., 3)``: shortened, not turned."""
+        limits = self.limits
+        # Scaled first: the square of a huge but finite number is not finite.
+        largest = np.maximum(np.abs(velocity_mps).max(axis=-1, keepdims=True), 1.0)
+        speed_mps = np.sqrt(((velocity_mps / largest) ** 2).sum(axis=-1)) * largest[..., 0]
+        vertical_mps = velocity_mps[..., 2]
+        excess = np.maximum(
+            np.maximum(speed_mps / limits.v_max_mps, 1.0),
+            np.maximum(vertical_mps / limits.climb_max_mps, -vertical_mps / limits.descent_max_mps),
+        )
+        return np.asarray(velocity_mps / excess[..., None])
+
+    def _safest(
+        self, proposal: FloatArray, position: FloatArray, velocity_now: FloatArray
+    ) -> tuple[FloatArray, ShieldReason]:
+        """Return the velocity to fly outside all obstacles, and why."""
+        scene = self._scene(proposal, position, velocity_now)
+        if scene is None:
+            return proposal, ShieldReason.CLEAR
+        first = scene.judge(proposal[None])
+        if first.leads_out[0]:
+            return proposal, ShieldReason.CLEAR
+        reason = _reason(scene, first.entered[0])
+
+        # The fan is a good deal dearer than the walls and seldom nearer: only where they fail.
+        for source in (self._walled, self._fanned):
+            candidates = source(proposal, scene)
+            verdict = scene.judge(candidates)
+            for safe in (verdict.leads_out, verdict.keeps):
+                if safe.any():
+                    chosen = _nearest(candidates[safe], proposal)
+                    return chosen, _blocked_or(reason, proposal, chosen)
+        return self._least_bad(candidates, proposal, scene, reason)
+
+    def _scene(
+        self, proposal: FloatArray, position: FloatArray, velocity_now: FloatArray
+    ) -> Scene | None:
+        """Return what is within reach, ``None`` if nothing is."""
+        every = self._hazards
+        plane_m = every.plane_distance_m(position)
+        slack_m = plane_m.max(axis=1) - every.keep_m
+        fastest_mps = np.sqrt(max(float(proposal @ proposal), float(velocity_now @ velocity_now)))
+        stop_m = self._braking.stopping_distance_m(fastest_mps)
+        near = slack_m < fastest_mps * self._follow_s + stop_m
+        if not near.any():
+            return None
+        out_mps = np.clip(-slack_m[near] / self.limits.restore_s, 0.0, self.limits.restore_max_mps)
+        return Scene(
+            every.take(near),
+            plane_m[near],
+            position,
+            velocity_now,
+            self._braking,
+            self._follow_s,
+            out_mps,
+        )
+
+    def _walled(self, proposal: FloatArray, scene: Scene) -> FloatArray:
+        return self._limited(within_walls(proposal, *scene.walls(proposal)))
+
+    def _fanned(self, proposal: FloatArray, scene: Scene) -> FloatArray:
+        return self._limited(fan(proposal, self.limits.restore_max_mps))
+
+    def _least_bad(
+        self, candidates: FloatArray, proposal: FloatArray, scene: Scene, reason: ShieldReason
+    ) -> tuple[FloatArray, ShieldReason]:
+        """Return what keeps the most where nothing keeps everything."""
+        slack_m = scene.least_slack_m(candidates)
+        lost_m = -slack_m.min(axis=1)
+        equal = lost_m <= lost_m.min() + _ALIKE_M
+        chosen = _nearest(candidates[equal], proposal)
+        if lost_m.min() > _EMERGENCY_SHARE * self.limits.margin_m:
+            return chosen, ShieldReason.EMERGENCY
+        return chosen, _blocked_or(reason, proposal, chosen)
+
+    def _way_out(self, position: FloatArray) -> FloatArray:
+        """Return the velocity to the nearest surface of the obstacle the vehicle is inside of."""
+        way_m = self._obstacles.nearest_surface(position) - position
+        way_m = way_m / max(float(np.sqrt(way_m @ way_m)), 1e-9)
+        return self._limited(way_m * self.limits.restore_max_mps)
+
+
+def _three(values: npt.ArrayLike) -> FloatArray | None:
+    """Return three finite numbers as an array, or ``None`` for anything else."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    return array if array.shape == (3,) and bool(np.isfinite(array).all()) else None
+
+
+def _nearest(candidates: FloatArray, proposal: FloatArray) -> FloatArray:
+    offset = candidates - proposal
+    return np.asarray(candidates[np.argmin(np.einsum("ki,ki->k", offset, offset))])
+
+
+def _reason(scene: Scene, entered: npt.NDArray[np.bool_]) -> ShieldReason:
+    """Return why a proposal that would enter these hazards is not flown."""
+    slack_m = scene.plane_m.max(axis=1) - scene.hazards.keep_m
+    nearest = int(np.argmin(np.where(entered, slack_m, np.inf)))
+    if slack_m[nearest] < -_INSIDE_M:
+        return ShieldReason.LEADING_OUT
+    return _REASONS[Kind(int(scene.hazards.kind[nearest]))]
+
+
+def _blocked_or(reason: ShieldReason, proposal: FloatArray, chosen: FloatArray) -> ShieldReason:
+    """Return ``BLOCKED`` where next to nothing of the proposal is left, else the reason."""
+    if chosen @ chosen < _BLOCKED_SHARE**2 * (proposal @ proposal):
+        return ShieldReason.BLOCKED
+    return reason
