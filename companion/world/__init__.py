@@ -1,1 +1,1 @@
-"""TODO."""
+"""What the vehicle knows of its surroundings: frames, geometry, maps. Pure: no clock, no socket."""

@@ -1,0 +1,206 @@
+"""Convex prisms as packed half-spaces: where segments and rays go in and out.
+
+Every prism is a convex base extruded from far below the ground to a flat roof, closed: a point on
+a wall or on the roof belongs to it. A half-space of an edge shared by two pieces is bit for bit
+the opposite in the other piece, so nothing slips through between them.
+
+Arrays are ``(edges, pieces)``; work arrays put the batch last, where numpy is fastest.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.arrays import BoolArray, FloatArray, IntArray
+from companion.world.decomposition import convex_pieces
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConvexPieces:
+    """``K`` convex prisms with at most ``E`` edges each; missing edges are always satisfied."""
+
+    normal_x: FloatArray  # (E, K)
+    """Outward unit normals."""
+    normal_y: FloatArray  # (E, K)
+    offset_m: FloatArray  # (E, K)
+    """A point is inside an edge's half-plane when ``normal . point <= offset``."""
+    roof_m: FloatArray  # (K,)
+    low_x_m: FloatArray  # (K, 1)
+    high_x_m: FloatArray  # (K, 1)
+    low_y_m: FloatArray  # (K, 1)
+    high_y_m: FloatArray  # (K, 1)
+    center_m: FloatArray  # (2, K)
+    """Of a circle around each base."""
+    radius_m: FloatArray  # (K,)
+
+    @classmethod
+    def of(cls, footprints_m: Sequence[FloatArray], heights_m: FloatArray) -> "ConvexPieces":
+        """Cut footprints into convex pieces and pack them."""
+        pieces = [convex_pieces(footprint) for footprint in footprints_m]
+        bases = [base for cut in pieces for base in cut]
+        num_edges = max((len(base) for base in bases), default=0)
+        planes = np.zeros((3, num_edges, len(bases)))
+        planes[2] = 1.0  # 0 x + 0 y <= 1 holds everywhere
+        for k, base in enumerate(bases):
+            planes[:, : len(base), k] = _half_planes(base)
+        low_m = np.array([base.min(axis=0) for base in bases]).reshape(-1, 2)
+        high_m = np.array([base.max(axis=0) for base in bases]).reshape(-1, 2)
+        size_m = high_m - low_m
+        normal_x, normal_y, offset_m = planes
+        return cls(
+            normal_x=normal_x,
+            normal_y=normal_y,
+            offset_m=offset_m,
+            roof_m=np.repeat(heights_m, np.array([len(cut) for cut in pieces], dtype=np.int64)),
+            low_x_m=low_m[:, :1],
+            high_x_m=high_m[:, :1],
+            low_y_m=low_m[:, 1:],
+            high_y_m=high_m[:, 1:],
+            center_m=(low_m + 0.5 * size_m).T,
+            # One part in a million wider: rounding must not lose a corner.
+            radius_m=0.5000005 * np.hypot(size_m[:, 0], size_m[:, 1]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.roof_m)
+
+    def covered(self, start_m: FloatArray, end_m: FloatArray) -> FloatArray:
+        """Return the fraction of each segment inside the union of the prisms, ``(N,)``.
+
+        Args:
+            start_m: Shape ``(3, N)``.
+            end_m: Shape ``(3, N)``.
+        """
+        piece, segment = self._near(np.minimum(start_m, end_m), np.maximum(start_m, end_m))
+        if len(piece) == 0:
+            return np.zeros(start_m.shape[1])
+        from_m, to_m = start_m[:, segment], end_m[:, segment]
+        enter, leave = _clip(self._outside_m(piece, from_m), self._outside_m(piece, to_m))
+        inside = leave > enter
+        return _union(segment[inside], enter[inside], leave[inside], start_m.shape[1])
+
+    def highest_roof(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+        """Return the highest roof at points of the ground, 0 where there is none, ``(N,)``."""
+        ground_m = np.stack((x_m, y_m, np.full_like(x_m, -np.inf)))
+        piece, point = self._near(ground_m, ground_m)
+        inside = (self._outside_m(piece, ground_m[:, point]) <= 0.0).all(axis=0)
+        roof_m = np.zeros(len(x_m))
+        np.maximum.at(roof_m, point[inside], self.roof_m[piece[inside]])
+        return roof_m
+
+    def cast(
+        self, position_m: FloatArray, direction: FloatArray, range_m: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Cast horizontal rays.
+
+        Args:
+            position_m: Where from, shape ``(3, N)``.
+            direction: Horizontal unit vectors, shape ``(2, N, R)``.
+            range_m: How far; a wall exactly there is still seen.
+
+        Returns:
+            Distance to the first wall (``range_m`` where there is none, 0 from inside) and the
+            height of its roof (0 where there is none; the highest where walls coincide), both of
+            shape ``(N, R)``.
+        """
+        num_points, num_rays = direction.shape[1:]
+        distance_m = np.full(num_points * num_rays, float(range_m))
+        roof_m = np.zeros(num_points * num_rays)
+        reach_m = np.array([[range_m], [range_m], [0.0]])
+        piece, point = self._near(position_m - reach_m, position_m + reach_m)
+        pair, ray = np.nonzero(self._in_sight(piece, position_m[:, point], direction[:, point]))
+        piece, point = piece[pair], point[pair]
+        ray += point * num_rays
+        start_m = position_m[:, point]
+        along = direction.reshape(2, -1)[:, ray] * range_m
+        end_m = np.concatenate((start_m[:2] + along, start_m[2:]))
+        enter, leave = _clip(self._outside_m(piece, start_m), self._outside_m(piece, end_m))
+        hit = leave >= enter
+        piece, ray, hit_m = piece[hit], ray[hit], enter[hit] * range_m
+        np.minimum.at(distance_m, ray, hit_m)
+        first = hit_m == distance_m[ray]
+        np.maximum.at(roof_m, ray[first], self.roof_m[piece[first]])
+        return distance_m.reshape(num_points, -1), roof_m.reshape(num_points, -1)
+
+    def _near(self, low_m: FloatArray, high_m: FloatArray) -> tuple[IntArray, IntArray]:
+        """Return the pairs (piece, box) that overlap; boxes are ``(3, N)``."""
+        overlap: BoolArray = self.low_x_m <= high_m[0]
+        overlap &= self.high_x_m >= low_m[0]
+        overlap &= self.low_y_m <= high_m[1]
+        overlap &= self.high_y_m >= low_m[1]
+        overlap &= self.roof_m[:, None] >= low_m[2]
+        piece, box = np.nonzero(overlap)
+        return piece, box
+
+    def _outside_m(self, piece: IntArray, point_m: FloatArray) -> FloatArray:
+        """Return how far points ``(3, P)`` lie outside every half-space, ``(E + 1, P)``."""
+        outside_m = np.empty((len(self.offset_m) + 1, len(piece)))
+        walls_m = outside_m[:-1]
+        np.multiply(self.normal_x[:, piece], point_m[0], out=walls_m)
+        walls_m += self.normal_y[:, piece] * point_m[1]
+        walls_m -= self.offset_m[:, piece]
+        np.subtract(point_m[2], self.roof_m[piece], out=outside_m[-1])
+        return outside_m
+
+    def _in_sight(self, piece: IntArray, from_m: FloatArray, direction: FloatArray) -> BoolArray:
+        """Return which rays ``(2, P, R)`` meet the circle around their piece, ``(P, R)``."""
+        radius_m = self.radius_m[piece, None]
+        x_m, y_m = (self.center_m[:, piece] - from_m[:2])[..., None]
+        beside_m = np.abs(x_m * direction[1] - y_m * direction[0])
+        ahead_m = x_m * direction[0] + y_m * direction[1]
+        seen: BoolArray = (beside_m <= radius_m) & (ahead_m >= -radius_m)
+        return seen
+
+
+def _half_planes(base: FloatArray) -> FloatArray:
+    """Return normals and offsets of a counter-clockwise polygon's edges, ``(3, V)``."""
+    after = np.roll(base, -1, axis=0)
+    # From the smaller corner to the larger, whichever piece asks: opposite signs, same bits.
+    swapped = np.where(
+        base[:, 0] == after[:, 0], base[:, 1] > after[:, 1], base[:, 0] > after[:, 0]
+    )
+    first = np.where(swapped[:, None], after, base)
+    along_x, along_y = (np.where(swapped[:, None], base, after) - first).T
+    length_m = np.hypot(along_x, along_y)
+    normal_x, normal_y = along_y / length_m, -along_x / length_m
+    planes = np.stack((normal_x, normal_y, normal_x * first[:, 0] + normal_y * first[:, 1]))
+    return np.where(swapped, -planes, planes)
+
+
+def _clip(start_outside: FloatArray, end_outside: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Cut segments by half-spaces.
+
+    Args:
+        start_outside: How far the starts are outside each half-space, shape ``(E, P)``.
+        end_outside: The same for the ends.
+
+    Returns:
+        Fractions of the segments at which they enter and leave, ``(P,)``; entering after leaving
+        means outside.
+    """
+    approach = start_outside - end_outside
+    # Parallel to a wall, the quotient is +inf outside, -inf inside and nan on it; fmax and fmin
+    # read these as never in, no limit, and no limit: the set is closed.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        fraction = start_outside / approach
+    entering = approach >= 0.0
+    enter = np.fmax.reduce(np.where(entering, fraction, 0.0), axis=0, initial=0.0)
+    leave = np.fmin.reduce(np.where(entering, 1.0, fraction), axis=0, initial=1.0)
+    return enter, leave
+
+
+def _union(segment: IntArray, enter: FloatArray, leave: FloatArray, count: int) -> FloatArray:
+    """Return the length of the union of each segment's intervals, ``(count,)``."""
+    order = np.lexsort((enter, segment))
+    segment, enter, leave = segment[order], enter[order], leave[order]
+    per_segment = np.bincount(segment, minlength=count)
+    rank = np.arange(len(segment)) - (np.cumsum(per_segment) - per_segment)[segment]
+    table = np.full((2, int(per_segment.max(initial=0)) + 1, count), -np.inf)
+    table[0, 1:] = np.inf
+    table[0, rank + 1, segment] = enter
+    table[1, rank + 1, segment] = leave
+    reached = np.maximum.accumulate(table[1], axis=0)
+    gain = table[1, 1:] - np.maximum(table[0, 1:], reached[:-1])
+    covered: FloatArray = np.maximum(gain, 0.0).sum(axis=0)
+    return covered
