@@ -122,11 +122,10 @@ def random_paths(
 
 
 def stays_clear(city: Map, vertex_enu_m: FloatArray) -> BoolArray:
-    """Return which closed polylines ``(N, K, 3)`` lie in the map and touch no obstacle."""
+    """Return which closed polylines ``(N, K, 3)`` stay in the map and cross no obstacle."""
     depth_m = city.obstacles.crash_depth_m(vertex_enu_m, np.roll(vertex_enu_m, -1, axis=1))
-    inside: BoolArray = np.all(city.contains(vertex_enu_m), axis=1)
-    free: BoolArray = np.all(city.is_free(vertex_enu_m), axis=1)
-    return inside & free & (np.sum(depth_m, axis=1) == 0.0)
+    clear: BoolArray = np.all(city.contains(vertex_enu_m) & (depth_m == 0.0), axis=1)
+    return clear
 
 
 def _candidates(city: Map, rng: np.random.Generator, count: int) -> FloatArray:
