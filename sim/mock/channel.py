@@ -7,7 +7,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.mock.px4 import Px4
-from sim.mock.telemetry import STREAMS
+from sim.mock.streams import STREAMS
 
 GCS_TIMEOUT_S = 5.0
 TEXT_SPACING_S = 0.05
@@ -33,6 +33,10 @@ class Channel:
         }
         self._interval_s: dict[int, float] = {}
         self._due_s: dict[int, float] = {}
+        self._gcs_heard_s = -math.inf
+        self._next_text_s = 0.0
+        self._ping_due_s = 0.0
+        self._origin_sent = self._home_sent = -1
         self._texts: deque[Any] = deque()
         self._text_id = 0
         self._ping_seq = 0

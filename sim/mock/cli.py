@@ -1,18 +1,65 @@
 """The command line of the mock vehicle."""
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from companion.errors import CompanionError, UsageError
 from companion.world.frames import GeoPoint
+from sim.mock.dynamics import Response
+from sim.mock.fault_kinds import KINDS
+from sim.mock.faults import parse_fault
+from sim.mock.placement import PX4_SITL_HOME, Place, place_vehicle
 from sim.mock.process import StopSignal, run
-from sim.mock.sockets import open_link, parse_url
+from sim.mock.sockets import Address, Link, open_link, parse_url
+from sim.mock.targets import parse_target
 from sim.mock.vehicle import MockVehicle, Settings
 
-PX4_SITL_HOME = GeoPoint(47.397742, 8.545594, 489.4)
+DESCRIPTION = """\
+A MAVLink autopilot that is not there: it boots, arms, flies, refuses and fails as PX4 1.18 does,
+on UDP or TCP, without a simulator. Rates, answers, texts and delays are those measured on PX4
+SITL; what a real autopilot refuses is refused here.
+"""
+
+EPILOG = """\
+links
+  udpout:HOST:PORT  calls, as PX4 SITL does: the other side listens
+  udpin:HOST:PORT   listens, and answers everyone who calls (udp: means the same)
+  tcpin:HOST:PORT   waits for one client;  tcp:HOST:PORT calls one
+  A link on port 14550 has the rates of PX4's ground-station port, any other those of the
+  onboard port (about 400 messages a second). STATUSTEXT goes only to links on which a
+  HEARTBEAT of type GCS was heard. Heartbeats and messages for others are passed on.
+
+identity
+  system 1, component 1. Requests to other ids meet silence, unknown commands UNSUPPORTED.
+
+targets  --target kind=waypoints,sysid=42,...
+  kind=static|straight|circle|waypoints   message=gpi|follow (GLOBAL_POSITION_INT, FOLLOW_TARGET)
+  sysid=42  rate=5 (Hz)  speed=2 (m/s)  at=E:N:U  to=E:N:U (straight)  radius=10 (circle)
+  autopilot=none|px4 (px4: looks like a second vehicle). Positions are map metres; without a
+  map, metres east, north and up of the launch. Without at= a free place is drawn. Paths stay
+  2 m clear of obstacles.
+
+faults  --fault t=SECONDS,kind=KIND[,from=start|arm|offboard][,for=SECONDS][,key=value...]
+{kinds}
+
+examples
+  The companion:      companion mock --connect udpout:127.0.0.1:14540 --map env1
+                      companion run --connect udpin:127.0.0.1:14540 --map env1 ...
+  MAVSDK:             companion mock --connect udpout:127.0.0.1:14540
+                      then connect MAVSDK to udpin://0.0.0.0:14540
+  QGroundControl:     companion mock --connect udpout:127.0.0.1:14550
+  Both at once:       --connect udpout:127.0.0.1:14540 --connect udpout:127.0.0.1:14550
+  A pilot who takes over 5 s after OFFBOARD, on a bad radio:
+                      --fault from=offboard,t=5,kind=rc_takeover --fault kind=loss,percent=10
+
+exit codes
+  0 ended by SIGINT, SIGTERM or with its parent; 2 usage; 3 link cannot open; 5 map refused
+"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -30,30 +77,125 @@ def _fly(options: argparse.Namespace) -> int:
         raise UsageError(f"--autopilot {options.autopilot}: only px4 exists so far")
     stop = StopSignal(with_parent=options.exit_with_parent)
     addresses = [parse_url(url) for url in options.connect]
-    vehicle = MockVehicle(
-        Settings(home=PX4_SITL_HOME, boot_s=options.boot_s),
-        ground_links=[address.ground for address in addresses],
-        rng=np.random.default_rng(options.seed),
-    )
-    links = [open_link(address) for address in addresses]
-    for url in options.connect:
-        print(f"mock: px4 on {url}", flush=True)
+    vehicle = _build(options, addresses)
+    links: list[Link] = []
     try:
+        for address, url in zip(addresses, options.connect, strict=True):
+            links.append(open_link(address))
+            rates = "ground-station" if address.ground else "onboard"
+            print(f"mock: px4, system 1, on {url} ({rates} rates)", flush=True)
         run(vehicle, links, speed=options.speed, stop=stop)
     finally:
         for link in links:
             link.close()
+    if options.report is not None:
+        _write_report(options.report, vehicle, options.seed)
     return 0
 
 
+def _build(options: argparse.Namespace, addresses: Sequence[Address]) -> MockVehicle:
+    for name in ("speed", "boot_s"):
+        if not 0.0 < getattr(options, name) < 1000.0:
+            raise UsageError(f"--{name.replace('_', '-')} must be positive")
+    seeds = np.random.SeedSequence(options.seed).spawn(1 + len(options.target))
+    place = _place(options)
+    vehicle_rng, *target_rngs = (np.random.default_rng(seed) for seed in seeds)
+    north, east = _numbers("--wind", options.wind, 2)
+    targets = [
+        parse_target(text, place, rng)
+        for text, rng in zip(options.target, target_rngs, strict=True)
+    ]
+    sysids = [target.sysid for target in targets]
+    if len({1, *sysids}) != 1 + len(sysids):
+        raise UsageError("--target: system ids must differ from each other and from 1")
+    return MockVehicle(
+        Settings(
+            place=place,
+            boot_s=options.boot_s,
+            radio=options.radio,
+            response=Response(shortfall=options.shortfall),
+            wind_ned_mps=(north, east, 0.0),
+            gust_mps=options.gusts,
+            noise_m=options.noise,
+        ),
+        ground_links=[address.ground for address in addresses],
+        rng=vehicle_rng,
+        targets=targets,
+        faults=[parse_fault(text, links=len(addresses), targets=sysids) for text in options.fault],
+    )
+
+
+def _place(options: argparse.Namespace) -> Place:
+    home = None
+    if options.home is not None:
+        home = GeoPoint(*_numbers("--home", options.home, 3))
+        if not (abs(home.latitude_deg) < 89.0 and abs(home.longitude_deg) <= 180.0):
+            raise UsageError(f"--home {options.home}: not a place on earth")
+    if options.map is None:
+        return place_vehicle(None, home)
+    from companion.world.maps import load_map  # shapely only where a map is flown
+
+    return place_vehicle(load_map(options.map), home)
+
+
+def _numbers(option: str, text: str, count: int) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise UsageError(f"{option} {text}: expected {count} numbers with commas between")
+    return numbers
+
+
+def _write_report(path: Path, vehicle: MockVehicle, seed: int) -> None:
+    report = {"autopilot": "px4", "seed": seed, **vehicle.report()}
+    try:
+        path.write_text(json.dumps(report, indent=2) + "\n")
+    except OSError as error:
+        raise UsageError(f"cannot write --report {path}: {error.strerror}") from error
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="companion mock")
-    parser.add_argument("--autopilot", default="px4")
-    parser.add_argument("--connect", action="append", required=True)
-    parser.add_argument("--map")
-    parser.add_argument("--target", action="append", default=[])
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--speed", type=float, default=1.0)
-    parser.add_argument("--boot-s", type=float, default=1.5)
-    parser.add_argument("--exit-with-parent", action="store_true")
+    kinds = "\n".join(
+        f"  {name:<17} {kind.meaning}" + (f"  [{', '.join(kind.keys)}]" if kind.keys else "")
+        for name, kind in KINDS.items()
+    )
+    parser = argparse.ArgumentParser(
+        prog="companion mock",
+        description=DESCRIPTION,
+        epilog=EPILOG.format(kinds=kinds),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add = parser.add_argument
+    add("--autopilot", default="px4", metavar="NAME", help="personality: px4")
+    add(
+        "--connect",
+        action="append",
+        required=True,
+        metavar="URL",
+        help="a link; may be given several times",
+    )
+    add("--map", metavar="FILE|NAME", help="map whose obstacles the referee watches")
+    add(
+        "--home",
+        metavar="LAT,LON,ALT",
+        help=f"where it boots, degrees and metres AMSL ({PX4_SITL_HOME.latitude_deg},"
+        f"{PX4_SITL_HOME.longitude_deg}, on the ground of the map)",
+    )
+    add("--target", action="append", default=[], metavar="SPEC", help="another system; see below")
+    add("--fault", action="append", default=[], metavar="SPEC", help="what goes wrong; see below")
+    add("--radio", action="store_true", help="a pilot with a transmitter, sticks centred")
+    add("--boot-s", type=float, default=1.5, metavar="S",
+        help="from start to ready to arm (1.5; PX4 SITL takes 4.6)")  # fmt: skip
+    add("--shortfall", type=float, default=0.0, metavar="X",
+        help="share of a horizontal velocity never reached (0; PX4 SIH 0.16)")  # fmt: skip
+    add("--wind", default="0,0", metavar="N,E", help="wind velocity in m/s (0,0)")
+    add("--gusts", type=float, default=0.0, metavar="MPS", help="deviation of gusts (0)")
+    add("--noise", type=float, default=0.0, metavar="M", help="deviation of position noise (0)")
+    add("--speed", type=float, default=1.0, metavar="X", help="simulated seconds per second (1)")
+    add("--seed", type=int, default=0, help="seed of everything random (0)")
+    add("--report", type=Path, metavar="FILE", help="write the referee's verdict here at the end")
+    add("--exit-with-parent", action="store_true", help="end when the starting process dies")
     return parser

@@ -9,9 +9,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim.mock.channel import COMPONENT_ID, SYSTEM_ID, Channel
 from sim.mock.commands import Command, CommandId, Result, run_command, set_mode
 from sim.mock.pilot import Sticks
-from sim.mock.px4 import CRITICAL, Px4
+from sim.mock.px4 import Px4
 from sim.mock.setpoints import read_setpoint
-from sim.mock.telemetry import STREAMS
+from sim.mock.streams import STREAMS
 
 FTP_NAK, FTP_FAIL = 129, 1
 _DEGREES_E7 = (mavlink.MAV_CMD_DO_REPOSITION, mavlink.MAV_CMD_NAV_TAKEOFF)
@@ -101,7 +101,7 @@ def _setpoint(px4: Px4, channel: Channel, message: Any) -> None:
         heading_rad=px4.body.yaw_rad,
     )
     if isinstance(setpoint, str):
-        px4.say(CRITICAL, setpoint)
+        px4.refuse_setpoint(setpoint)
     else:
         px4.receive_setpoint(setpoint)
 

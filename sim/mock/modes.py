@@ -25,20 +25,29 @@ class Mode(Enum):
     STABILIZED = (7, 0)
 
     @property
+    def main(self) -> int:
+        """The main mode, as in DO_SET_MODE param2."""
+        return int(self.value[0])
+
+    @property
+    def sub(self) -> int:
+        """The sub mode, as in DO_SET_MODE param3; 0 outside AUTO."""
+        return int(self.value[1])
+
+    @property
     def custom_mode(self) -> int:
         """HEARTBEAT.custom_mode: main mode in byte 2, sub mode in byte 3."""
-        main, sub = self.value
-        return main << 16 | sub << 24
+        return self.main << 16 | self.sub << 24
 
     @property
     def needs_pilot(self) -> bool:
         """Whether somebody has to hold the sticks."""
-        return self.value[0] in (1, 2, 3, 7)
+        return self.main in (1, 2, 3, 7)
 
     @property
     def is_auto(self) -> bool:
         """Whether the autopilot flies by itself."""
-        return self.value[0] == 4
+        return self.main == 4
 
     @property
     def prevents_arming(self) -> bool:
@@ -78,8 +87,8 @@ _TITLES = {
     Mode.OFFBOARD: "Offboard",
     Mode.STABILIZED: "Stabilized",
 }
-_BY_NUMBER = {mode.value: mode for mode in Mode}
-_MAIN_MODES = frozenset(mode.value[0] for mode in Mode)
+_BY_NUMBER = {(mode.main, mode.sub): mode for mode in Mode}
+_MAIN_MODES = frozenset(mode.main for mode in Mode)
 
 
 def find_mode(main: int, sub: int) -> Mode | None:

@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 TAKEOVER_SAMPLES = 4
 TAKEOVER_SHARE = 0.8
@@ -53,7 +54,7 @@ class Pilot:
             return False
         for axis in ("forward", "right", "up", "turn"):
             values = [float(getattr(sticks, axis)) for _, sticks in self._recent]
-            steps = [b - a for a, b in zip(values, values[1:], strict=False)]
+            steps = [b - a for a, b in pairwise(values)]
             steady = all(step > 0.0 for step in steps) or all(step < 0.0 for step in steps)
             if steady and abs(sum(steps)) / elapsed_s > TAKEOVER_SHARE * threshold_per_s:
                 self._recent.clear()  # one movement takes over once

@@ -3,6 +3,7 @@
 import os
 import select
 import signal
+import sys
 from collections.abc import Sequence
 from types import FrameType
 
@@ -54,3 +55,5 @@ def run(vehicle: MockVehicle, links: Sequence[Link], *, speed: float, stop: Stop
         vehicle.advance((now_s - start_s) * speed)
         for number, packet in vehicle.take_output():
             links[number].send(packet)
+        for line in vehicle.take_log():
+            print(f"mock: {line}", file=sys.stderr, flush=True)

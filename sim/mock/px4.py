@@ -5,7 +5,6 @@ every one is a named test in ``tests/unit/test_mock_px4.py``.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from sim.mock.dynamics import PointMass, Vector, Wind
 from sim.mock.estimator import Estimator, add
 from sim.mock.failsafe import Failsafe, Situation
 from sim.mock.flight import Flight
+from sim.mock.ground import Battery, Ground
 from sim.mock.modes import Mode
 from sim.mock.parameters import Parameters
 from sim.mock.pilot import Pilot
@@ -28,25 +28,7 @@ UNINIT, STANDBY, ACTIVE, FAILSAFE = 0, 3, 4, 5
 ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 """MAV_LANDED_STATE of EXTENDED_SYS_STATE."""
 
-RAMP_S = 1.0
-"""Between the end of the spool-up ("Takeoff detected") and the moment the skids lift."""
-LAND_DETECTION_S = 2.5
-"""On the ground this long with a demand to sink: landed (measured 2.6 s)."""
-
 UNHEALTHY = "Arming denied: Resolve system health failures first"
-
-
-@dataclass(slots=True)
-class Battery:
-    """A four-cell pack that drains linearly while armed."""
-
-    fraction: float = 1.0
-    drain_per_s: float = 1.0 / 1200.0
-
-    @property
-    def voltage_v(self) -> float:
-        """Return the pack voltage."""
-        return 4.0 * (3.5 + 0.55 * self.fraction)
 
 
 class Px4:
@@ -75,7 +57,7 @@ class Px4:
         self.failsafe = Failsafe()
         self.flight = Flight(body, self.estimator, self.parameters)
         self.armed = False
-        self.landed = True
+        self.ground = Ground()
         self.intention = Mode.LOITER
         self.mode = Mode.LOITER
         self.home_true_m: Vector | None = None
@@ -86,18 +68,19 @@ class Px4:
         self.offboard_seen = False
         self.setpoints_received = 0
         self.setpoints_outside_offboard = 0
+        self.setpoints_refused = 0
         self.deaf = False
         """A fault: setpoints no longer reach the autopilot."""
         self._after_disarm = Mode.LOITER
-        self._armed_at_s = 0.0
-        self._flown = False
-        self._lift_s: float | None = None
-        self._touch_s: float | None = None
-        self._landed_at_s = 0.0
         self._low_battery_said = False
         self._texts: list[tuple[int, str]] = []
 
     # -- what it shows ---------------------------------------------------------------------
+
+    @property
+    def landed(self) -> bool:
+        """Whether the land detector says so."""
+        return self.ground.landed
 
     @property
     def system_status(self) -> int:
@@ -183,9 +166,7 @@ class Px4:
             self.say(CRITICAL, UNHEALTHY)
             return False
         self.armed = True
-        self._flown = False
-        self._armed_at_s = self.now_s
-        self._lift_s = self._touch_s = None
+        self.ground.arm(self.now_s, self.parameters.number("COM_SPOOLUP_TIME"))
         self.failsafe.arm(pilot_present=self.pilot_present())
         self._set_home()
         self.flight.enter(self.mode, self.home_true_m)
@@ -218,6 +199,11 @@ class Px4:
             self.flight.hold_true_m = self.estimator.from_geodetic(point)
         return accepted
 
+    def refuse_setpoint(self, reason: str) -> None:
+        """Drop an invalid setpoint: it feeds nothing, and the text says why (P7, P8)."""
+        self.setpoints_refused += 1
+        self.say(CRITICAL, reason)
+
     def receive_setpoint(self, setpoint: Setpoint) -> None:
         """Take in a valid setpoint: it feeds the watchdog in any mode (P11)."""
         self.setpoints_received += 1
@@ -248,17 +234,16 @@ class Px4:
                 self.body.rest()
             else:
                 self.body.fall(dt_s)
-            self.landed = self.body.on_ground
+            self.ground.landed = self.body.on_ground
             return
         wants_up, wants_down = self.flight.step(
             dt_s,
-            flying=self._airborne(),
+            flying=self.ground.airborne(self.now_s),
             setpoint=self.setpoint if self.mode is Mode.OFFBOARD else None,
             sticks=self.pilot.sticks,
             drift_mps=self.wind.drift_ned_mps(dt_s),
         )
-        self._detect_takeoff(wants_up=wants_up)
-        self._detect_landing(wants_down=wants_down)
+        self._watch_ground(wants_up=wants_up, wants_down=wants_down)
         if self.armed and self.flight.takeoff_done:
             point = self.flight.hold_true_m
             self.request_mode(Mode.LOITER)
@@ -331,36 +316,16 @@ class Px4:
             self.say(WARNING, "Low battery level")
         self._low_battery_said = low
 
-    def _airborne(self) -> bool:
-        return self._lift_s is not None and self.now_s >= self._lift_s
-
-    def _detect_takeoff(self, *, wants_up: bool) -> None:
-        if not self.landed:
-            return
-        spool_s = self.parameters.number("COM_SPOOLUP_TIME")
-        if wants_up and self.now_s - self._armed_at_s >= spool_s + RAMP_S:
-            self.landed = False
-            self._flown = True
-            self._lift_s = self.now_s + RAMP_S
-            self.say(INFO, "Takeoff detected")
-            return
-        key = "COM_DISARM_LAND" if self._flown else "COM_DISARM_PRFLT"
-        since_s = self._landed_at_s if self._flown else self._armed_at_s
-        if 0.0 < self.parameters.number(key) <= self.now_s - since_s:
-            self.disarm("landing" if self._flown else "auto preflight disarming")
-
-    def _detect_landing(self, *, wants_down: bool) -> None:
-        if self.landed or not self._airborne():
-            return
-        if not (self.body.on_ground and wants_down):
-            self._touch_s = None
-            return
-        self._touch_s = self.now_s if self._touch_s is None else self._touch_s
-        if self.now_s - self._touch_s >= LAND_DETECTION_S:
-            self.landed = True
-            self._landed_at_s = self.now_s
-            self._lift_s = self._touch_s = None
-            self.say(INFO, "Landing detected")
+    def _watch_ground(self, *, wants_up: bool, wants_down: bool) -> None:
+        """Notice take-off and landing, and disarm by itself (P18)."""
+        event = self.ground.update(
+            self.now_s, touching=self.body.on_ground, wants_up=wants_up, wants_down=wants_down
+        )
+        if event is not None:
+            self.say(INFO, event)
+        key = "COM_DISARM_LAND" if self.ground.flown else "COM_DISARM_PRFLT"
+        if self.landed and 0.0 < self.parameters.number(key) <= self.ground.standing_s(self.now_s):
+            self.disarm("landing" if self.ground.flown else "auto preflight disarming")
 
     def _set_home(self) -> None:
         self.home_true_m = self.body.position_m

@@ -5,60 +5,84 @@ time, and sends what ``take_output`` returns.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.world.frames import GeoPoint
 from sim.mock import incoming
-from sim.mock.channel import SYSTEM_ID, Channel
+from sim.mock.channel import COMPONENT_ID, SYSTEM_ID, Channel
 from sim.mock.dynamics import ZERO, PointMass, Response, Vector, Wind
-from sim.mock.px4 import Px4
+from sim.mock.faults import Fault, Schedule
+from sim.mock.intruder import Intruder
+from sim.mock.placement import Place
+from sim.mock.px4 import CRITICAL, Px4
+from sim.mock.referee import PERIOD_S, Contact, Referee
+from sim.mock.targets import Target
+from sim.mock.wire import Impairment, Wire
 
 TICK_S = 0.01
 """Step of physics and streams; the fastest stream has 100 Hz."""
+_REFEREE_TICKS = round(PERIOD_S / TICK_S)
+SETPOINTS = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"})
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
     """What a mock vehicle can be told."""
 
-    home: GeoPoint
+    place: Place
     boot_s: float = 1.5
     radio: bool = False
-    response: Response = Response()
+    response: Response = field(default_factory=Response)
     wind_ned_mps: Vector = ZERO
     gust_mps: float = 0.0
     noise_m: float = 0.0
 
 
 class MockVehicle:
-    """A PX4 with its links.
+    """A PX4 with its links and its surroundings.
 
     Args:
         settings: The vehicle.
         ground_links: One entry per link: whether it has ground-station rates.
         rng: Source of all chance.
+        targets: Other systems on the same links.
+        faults: What goes wrong, and when.
     """
 
     def __init__(
-        self, settings: Settings, *, ground_links: Sequence[bool], rng: np.random.Generator
+        self,
+        settings: Settings,
+        *,
+        ground_links: Sequence[bool],
+        rng: np.random.Generator,
+        targets: Sequence[Target] = (),
+        faults: Sequence[Fault] = (),
     ) -> None:
         self.settings = settings
-        self.channels = [Channel(ground=ground) for ground in ground_links]
+        self.targets = list(targets)
+        self.referee = Referee(settings.place)
+        self.impairments = [Impairment() for _ in ground_links]
+        self.intruder: Intruder | None = None
         self.time_s = 0.0
+        self._channels = [Channel(ground=ground) for ground in ground_links]
+        self._inbound = [Wire(impairment, rng) for impairment in self.impairments]
+        self._outbound = [Wire(impairment, rng) for impairment in self.impairments]
+        self._listener: Any = mavlink.MAVLink(None)
+        self._schedule = Schedule(list(faults))
         self._rng = rng
         self._ticks = 0
         self._power_up_s = 0.0
+        self._log: list[str] = []
         self.px4 = self._power_up(PointMass(settings.response))
 
     def receive(self, link: int, data: bytes) -> None:
         """Take in bytes that arrived on a link."""
-        channel = self.channels[link]
-        for message in channel.decode(data):
-            if incoming.is_for_us(message):
-                incoming.handle(self.px4, channel, message)
-            self._route(link, message)
+        wire = self._inbound[link]
+        wire.put(self.time_s, data)
+        self._deliver(link)
 
     def advance(self, time_s: float) -> None:
         """Run until ``time_s``, tick by tick."""
@@ -73,25 +97,55 @@ class MockVehicle:
 
     def take_output(self) -> list[tuple[int, bytes]]:
         """Return (link, packet) for everything to be sent, in order."""
-        return [
-            (link, packet)
-            for link, channel in enumerate(self.channels)
-            for packet in channel.take_output()
-        ]
+        output = []
+        for link, (channel, wire) in enumerate(zip(self._channels, self._outbound, strict=True)):
+            for packet in channel.take_output():
+                wire.put(self.time_s, packet)
+            output += [(link, packet) for packet in wire.take(self.time_s)]
+        return output
+
+    def log(self, line: str) -> None:
+        """Note something for the person at the terminal."""
+        self._log.append(f"{self.time_s:.2f} s: {line}")
+
+    def take_log(self) -> list[str]:
+        """Return the lines since the last call."""
+        log, self._log = self._log, []
+        return log
+
+    def report(self) -> dict[str, Any]:
+        """Return the referee's verdict."""
+        return self.referee.report(self.time_s, self.px4)
+
+    def reboot(self) -> None:
+        """Restart the autopilot: its clock begins at zero, nothing is armed."""
+        self._power_up_s = self.time_s
+        self.px4 = self._power_up(self.px4.body)
 
     def _tick(self) -> None:
+        self._schedule.tick(self.time_s, self)
+        for link in range(len(self._inbound)):
+            self._deliver(link)
+        if self.intruder is not None:
+            self._broadcast(self.intruder.tick(self.time_s), heard_by_us=True)
         self.px4.step(self.time_s - self._power_up_s)
+        if self._ticks % _REFEREE_TICKS == 0:
+            contact = self.referee.observe(self.time_s, self.px4)
+            if contact is not None:
+                self._tell_contact(contact)
+        for target in self.targets:
+            self._broadcast(target.tick(self.time_s), heard_by_us=False)
         texts = self.px4.take_texts()
-        for channel in self.channels:
+        for channel in self._channels:
             channel.tell(self.px4.now_s, texts)
             channel.tick(self.px4)
 
     def _power_up(self, body: PointMass) -> Px4:
         settings = self.settings
-        for channel in self.channels:
+        for channel in self._channels:
             channel.restart(settings.boot_s)
         return Px4(
-            place=settings.home,
+            place=settings.place.home,
             boot_s=settings.boot_s,
             radio=settings.radio,
             body=body,
@@ -100,12 +154,44 @@ class MockVehicle:
             rng=self._rng,
         )
 
-    def _route(self, link: int, message: object) -> None:
+    def _deliver(self, link: int) -> None:
+        channel = self._channels[link]
+        for data in self._inbound[link].take(self.time_s):
+            for message in channel.decode(data):
+                self._hear(message, channel)
+                self._route(link, message)
+
+    def _hear(self, message: Any, channel: Channel) -> None:
+        if not incoming.is_for_us(message):
+            return
+        if message.get_type() in SETPOINTS:
+            self.referee.count_setpoint(message.get_srcSystem(), message.get_srcComponent())
+        incoming.handle(self.px4, channel, message)
+
+    def _route(self, link: int, message: Any) -> None:
         """Pass on what is not for this autopilot alone: other parties' heartbeats above all."""
         target = getattr(message, "target_system", 0)
-        if target == SYSTEM_ID and getattr(message, "target_component", 0) in (0, 1):
+        if target == SYSTEM_ID and getattr(message, "target_component", 0) in (0, COMPONENT_ID):
             return
-        packet = bytes(message.get_msgbuf())  # type: ignore[attr-defined]
-        for number, channel in enumerate(self.channels):
+        packet = bytes(message.get_msgbuf())
+        for number, channel in enumerate(self._channels):
             if number != link:
                 channel.pass_on(packet)
+
+    def _broadcast(self, packets: Sequence[bytes], *, heard_by_us: bool) -> None:
+        """Put packets of others on all links, as on a shared radio."""
+        for packet in packets:
+            for channel in self._channels:
+                channel.pass_on(packet)
+            if heard_by_us:
+                self._hear(self._listener.decode(bytearray(packet)), self._channels[0])
+
+    def _tell_contact(self, contact: Contact) -> None:
+        east, north, up = contact.position_enu_m
+        text = f"Contact with an obstacle at E {east:.1f} N {north:.1f} U {up:.1f}"
+        self.log(text)
+        self.px4.say(CRITICAL, text)
+        count = len(self.referee.contacts)
+        clock_ms = round(self.px4.now_s * 1e3)
+        for channel in self._channels:
+            channel.send(mavlink.MAVLink_named_value_int_message(clock_ms, b"contacts", count))

@@ -1,0 +1,103 @@
+"""An impartial judge of the flight: contacts, clearance, speed, and what was asked for when."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from companion.arrays import FloatArray
+from sim.mock.placement import Place
+from sim.mock.px4 import Px4
+
+PERIOD_S = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """The beginning of a contact with an obstacle."""
+
+    time_s: float
+    position_enu_m: tuple[float, float, float]
+    speed_mps: float
+
+
+@dataclass(slots=True)
+class Referee:
+    """Watches one vehicle in one place."""
+
+    place: Place
+    contacts: list[Contact] = field(default_factory=list)
+    min_clearance_m: float = math.inf
+    distance_flown_m: float = 0.0
+    max_speed_mps: float = 0.0
+    left_map: bool = False
+    timeline: list[tuple[float, str]] = field(default_factory=list)
+    """Changes of mode and arming, as (time, words)."""
+    setpoints_by_sender: dict[str, int] = field(default_factory=dict)
+    _last_enu_m: FloatArray | None = None
+    _touching: bool = False
+
+    def note(self, time_s: float, words: str) -> None:
+        """Add to the timeline, if it says something new."""
+        if not self.timeline or self.timeline[-1][1] != words:
+            self.timeline.append((round(time_s, 3), words))
+
+    def count_setpoint(self, system: int, component: int) -> None:
+        """Count one setpoint message by who sent it."""
+        sender = f"{system}/{component}"
+        self.setpoints_by_sender[sender] = self.setpoints_by_sender.get(sender, 0) + 1
+
+    def observe(self, time_s: float, px4: Px4) -> Contact | None:
+        """Look at the vehicle; called every ``PERIOD_S``.
+
+        Returns:
+            The contact that began since the last look, if any.
+        """
+        armed = "armed" if px4.armed else "disarmed"
+        cause = f" (failsafe: {px4.failsafe.cause.value})" if px4.failsafe.cause else ""
+        self.note(time_s, f"{px4.mode.name} {armed}{cause}")
+        here = self.place.to_map(px4.body.position_m)
+        last = here if self._last_enu_m is None else self._last_enu_m
+        self._last_enu_m = here
+        if px4.landed:
+            return None
+        speed_mps = math.hypot(*px4.body.velocity_mps)
+        self.distance_flown_m += float(np.linalg.norm(here - last))
+        self.max_speed_mps = max(self.max_speed_mps, speed_mps)
+        map_ = self.place.map
+        if map_ is None:
+            return None
+        self.left_map |= not bool(map_.contains(here))
+        clearance_m = float(map_.obstacles.signed_distance_m(here))
+        self.min_clearance_m = min(self.min_clearance_m, clearance_m)
+        # A thin corner may lie between two looks: the way counts, not only its ends.
+        touching = clearance_m <= 0.0 or float(map_.obstacles.crash_depth_m(last, here)) > 0.0
+        begins, self._touching = touching and not self._touching, touching
+        if not begins:
+            return None
+        east, north, up = (round(float(value), 3) for value in here)
+        contact = Contact(round(time_s, 3), (east, north, up), round(speed_mps, 3))
+        self.contacts.append(contact)
+        return contact
+
+    def report(self, time_s: float, px4: Px4) -> dict[str, Any]:
+        """Return the verdict as plain data for JSON."""
+        clearance = self.min_clearance_m
+        return {
+            "duration_s": round(time_s, 3),
+            "map": None if self.place.map is None else self.place.map.name,
+            "contacts": [
+                {"time_s": c.time_s, "position_enu_m": c.position_enu_m, "speed_mps": c.speed_mps}
+                for c in self.contacts
+            ],
+            "min_clearance_m": round(clearance, 3) if math.isfinite(clearance) else None,
+            "left_map": self.left_map,
+            "distance_flown_m": round(self.distance_flown_m, 3),
+            "max_speed_mps": round(self.max_speed_mps, 3),
+            "setpoints_received": px4.setpoints_received,
+            "setpoints_outside_offboard": px4.setpoints_outside_offboard,
+            "setpoints_refused": px4.setpoints_refused,
+            "setpoints_by_sender": self.setpoints_by_sender,
+            "timeline": self.timeline,
+        }

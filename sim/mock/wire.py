@@ -1,0 +1,78 @@
+"""A link that may lose, delay, double, spoil or reorder packets."""
+
+import heapq
+from dataclasses import dataclass, field
+
+import numpy as np
+
+COMMAND_ACK_ID = 77
+_MAVLINK2 = 0xFD
+
+
+def message_id(packet: bytes) -> int:
+    """Return the message id of one complete MAVLink packet."""
+    return int.from_bytes(packet[7:10], "little") if packet[0] == _MAVLINK2 else packet[5]
+
+
+@dataclass(slots=True)
+class Impairment:
+    """What is wrong with a link, in both directions."""
+
+    cut: float = 0.0
+    """Anything but 0: nothing passes."""
+    loss: float = 0.0
+    """Share of packets lost, 0 to 1."""
+    duplicate: float = 0.0
+    corrupt: float = 0.0
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+    """Uniform extra delay; packets overtake each other."""
+    acks_to_lose: int = 0
+
+    @property
+    def clean(self) -> bool:
+        """Whether packets pass untouched."""
+        return self == _CLEAN
+
+
+_CLEAN = Impairment()
+
+
+@dataclass(slots=True)
+class Wire:
+    """One direction of one link."""
+
+    impairment: Impairment
+    rng: np.random.Generator
+    _under_way: list[tuple[float, int, bytes]] = field(default_factory=list)
+    _count: int = 0
+
+    def put(self, now_s: float, packet: bytes) -> None:
+        """Hand over a packet."""
+        state = self.impairment
+        if state.clean:
+            self._schedule(now_s, packet)
+            return
+        if state.acks_to_lose > 0 and message_id(packet) == COMMAND_ACK_ID:
+            state.acks_to_lose -= 1
+            return
+        lost, doubled, spoilt, extra = (float(value) for value in self.rng.random(4))
+        if state.cut > 0.0 or lost < state.loss:
+            return
+        if spoilt < state.corrupt:
+            place = int(self.rng.integers(1, len(packet)))
+            packet = packet[:place] + bytes([packet[place] ^ 0x55]) + packet[place + 1 :]
+        arrival_s = now_s + state.delay_s + extra * state.jitter_s
+        for _ in range(2 if doubled < state.duplicate else 1):
+            self._schedule(arrival_s, packet)
+
+    def take(self, now_s: float) -> list[bytes]:
+        """Return what has arrived."""
+        arrived = []
+        while self._under_way and self._under_way[0][0] <= now_s + 1e-9:
+            arrived.append(heapq.heappop(self._under_way)[2])
+        return arrived
+
+    def _schedule(self, arrival_s: float, packet: bytes) -> None:
+        self._count += 1
+        heapq.heappush(self._under_way, (arrival_s, self._count, packet))
