@@ -52,7 +52,8 @@ def refusal(
     if takeoff_m is not None:
         top = place + np.array([0.0, 0.0, takeoff_m])
         column = np.linspace(above_ground, top, max(2, int(takeoff_m)))
-        if not city.contains(top) or not city.is_free(column[1:], margin_m).all():
+        lid = top + np.array([0.0, 0.0, margin_m])
+        if not city.contains(lid) or not city.is_free(column[1:], margin_m).all():
             return (
                 f"a take-off to {takeoff_m:g} m at {words(place)} comes nearer than "
                 f"{margin_m:g} m to an obstacle or the edge of map {city.name}"

@@ -132,3 +132,54 @@ def recorded_flight():
         return read_tlog(lzma.decompress((DATA / f"{name}.tlog.xz").read_bytes()))
 
     return load
+
+
+@pytest.fixture
+def constant_actor(tmp_path):
+    """Return a function that writes an actor which always answers the same action.
+
+    In layout ``relative``, action ``(x, 0, 0)`` flies level and straight at the target.
+    """
+    from onnx import TensorProto, helper
+
+    from companion.policy.action import TARGET_SCALING
+    from companion.policy.contract import (
+        CONTRACT_KEY,
+        Contract,
+        DynamicsContract,
+        ObservationContract,
+        encode_contract,
+    )
+    from companion.policy.observation import LAYOUTS
+
+    def write(action=(0.5, 0.0, 0.0), name="constant.onnx"):
+        layout = LAYOUTS["relative"]
+        columns = len(layout.fields)
+        zeros = helper.make_tensor("w", TensorProto.FLOAT, [columns, 3], [0.0] * columns * 3)
+        bias = helper.make_tensor("b", TensorProto.FLOAT, [3], list(action))
+        graph = helper.make_graph(
+            [helper.make_node("Gemm", ["observation", "w", "b"], ["action"])],
+            "constant",
+            [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["N", columns])],
+            [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["N", 3])],
+            initializer=[zeros, bias],
+        )
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+        contract = Contract(
+            observation=ObservationContract.of(layout),
+            action=TARGET_SCALING,
+            dynamics=DynamicsContract(edge_m=100.0, edge_low_m=50.0, edge_high_m=1000.0),
+            map=None,
+            avoids_obstacles=False,
+            preset="test",
+            stage="free",
+            seed=0,
+            git_revision="none",
+            command="none",
+        )
+        helper.set_model_props(model, {CONTRACT_KEY: encode_contract(contract)})
+        path = tmp_path / name
+        path.write_bytes(model.SerializeToString())
+        return path
+
+    return write
