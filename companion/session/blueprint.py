@@ -6,7 +6,7 @@ from rerun.blueprint.archetypes import VisibleTimeRanges
 
 from companion.session import colors, curves
 from companion.session.curves import Curve
-from companion.session.records import SessionStart
+from companion.session.records import MapRecord, SessionStart
 
 _LIVE_WINDOW_S = 60.0
 _ALWAYS = rrb.TimeRange(
@@ -26,7 +26,7 @@ def blueprint(start: SessionStart, *, live: bool) -> rrb.Blueprint:
     shows all sessions of this application in one layout.
     """
     window = _LAST_MINUTE if live else _ALWAYS
-    scenes = [_city(start), _top(start), _chase(start)]
+    scenes = [_city(start.map), _top(start.map), _chase(start.map)]
     plots = [
         _page(
             "Flight",
@@ -71,32 +71,34 @@ def blueprint(start: SessionStart, *, live: bool) -> rrb.Blueprint:
     )
 
 
-def _city(start: SessionStart) -> rrb.Spatial3DView:
+def map_blueprint(city: MapRecord) -> rrb.Blueprint:
+    """Return the layout of a map alone."""
+    return rrb.Blueprint(rrb.Tabs(_city(city), _top(city), active_tab="City"), collapse_panels=True)
+
+
+def _city(city: MapRecord) -> rrb.Spatial3DView:
     """See the whole map from the south-west, high enough to look into the streets."""
-    east_m, north_m, _ = start.map.size_m
-    edge_m, top_m = max(east_m, north_m), max(start.map.heights_m, default=0.0)
+    east_m, north_m, _ = city.size_m
+    edge_m, top_m = max(east_m, north_m), max(city.heights_m, default=0.0)
     centre_m = (0.5 * east_m, 0.5 * north_m, 0.22 * top_m)
-    back_m = 0.72 * edge_m + 0.1 * top_m
-    eye_m = (centre_m[0] - back_m, centre_m[1] - 1.1 * back_m, 0.75 * edge_m + 0.4 * top_m)
-    return _scene(
-        start, "City", rrb.EyeControls3D(position=eye_m, look_target=centre_m, eye_up=_UP)
-    )
+    back_m = 0.75 * edge_m + 0.1 * top_m
+    eye_m = (centre_m[0] - back_m, centre_m[1] - 1.1 * back_m, 0.78 * edge_m + 0.4 * top_m)
+    return _scene("City", rrb.EyeControls3D(position=eye_m, look_target=centre_m, eye_up=_UP))
 
 
-def _top(start: SessionStart) -> rrb.Spatial3DView:
+def _top(city: MapRecord) -> rrb.Spatial3DView:
     """See the map from straight above, north up."""
-    east_m, north_m, _ = start.map.size_m
+    east_m, north_m, _ = city.size_m
     centre_m = (0.5 * east_m, 0.5 * north_m, 0.0)
-    eye_m = (centre_m[0], centre_m[1], 1.35 * max(east_m, north_m))
+    eye_m = (centre_m[0], centre_m[1], 1.3 * max(east_m, north_m))
     eye = rrb.EyeControls3D(position=eye_m, look_target=centre_m, eye_up=(0.0, 1.0, 0.0))
-    return _scene(start, "Top", eye)
+    return _scene("Top", eye, hidden=("world/map/geofence",))
 
 
-def _chase(start: SessionStart) -> rrb.Spatial3DView:
+def _chase(city: MapRecord) -> rrb.Spatial3DView:
     """Fly behind the vehicle, looking along its course."""
-    scale_m = 0.01 * max(start.map.size_m[:2])
+    scale_m = 0.01 * max(city.size_m[:2])
     return _scene(
-        start,
         "Chase",
         rrb.EyeControls3D(
             position=(-17.0 * scale_m, 0.0, 6.0 * scale_m),
@@ -104,12 +106,11 @@ def _chase(start: SessionStart) -> rrb.Spatial3DView:
             eye_up=_UP,
         ),
         frame="world/chase",
-        hidden=("world/vehicle/dot",),
+        hidden=("world/vehicle/dot", "world/map/north"),
     )
 
 
 def _scene(
-    start: SessionStart,
     name: str,
     eye: rrb.EyeControls3D,
     *,

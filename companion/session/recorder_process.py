@@ -175,8 +175,9 @@ def main() -> None:
     outputs = Outputs(_open_outputs(folder, live), _say)
     drain(sys.stdin.fileno(), outputs)
     outputs.close()
-    if (folder / RECORDING).exists() and not optimize(folder / RECORDING):
-        _say(f"{RECORDING} is complete, only larger than need be: it could not be rewritten")
+    recording, rewritten = folder / RECORDING, folder / f"{RECORDING}.part"
+    if recording.exists() and optimize(recording, rewritten):
+        rewritten.replace(recording)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ import msgspec
 
 from companion.session.summary import Summary
 from companion.vehicle import Severity
+from companion.world.maps import Map
 
 Source = Literal["autopilot", "companion"]
 
@@ -27,6 +28,18 @@ class MapRecord(msgspec.Struct, frozen=True):
     heights_m: list[float] = []
     names: list[str] = []
     content_hash: str = ""
+
+
+def map_record(city: Map) -> MapRecord:
+    """Return what is drawn of a map."""
+    return MapRecord(
+        name=city.name,
+        size_m=city.size_m.tolist(),
+        footprints_m=[footprint_m.tolist() for footprint_m in city.footprints_m],
+        heights_m=city.heights_m.tolist(),
+        names=list(city.obstacle_names),
+        content_hash=city.content_hash,
+    )
 
 
 class ActorRecord(msgspec.Struct, frozen=True):

@@ -43,14 +43,11 @@ def markdown(start: SessionStart, summary: Summary | None) -> str:
         ("Vehicle", f"{vehicle.system_id}: {vehicle.autopilot} {vehicle.version}"),
         ("v_max, margin", f"{start.v_max_mps:g} m/s, {start.margin_m:g} m"),
     ]
-    height = -(-len(rows) // _MARKDOWN_COLUMNS)
-    cells = [(*name_value,) for name_value in rows]
-    cells += [("", "")] * (height * _MARKDOWN_COLUMNS - len(cells))
-    lines = [
-        "".join(f"| {name} | {value} " for name, value in cells[row::height])
-        for row in range(height)
-    ]
-    table = "\n".join(["| " * 2 * _MARKDOWN_COLUMNS, "|---" * 2 * _MARKDOWN_COLUMNS, *lines])
+    rows += [("", "")] * (-len(rows) % _MARKDOWN_COLUMNS)
+    height = len(rows) // _MARKDOWN_COLUMNS
+    lines = [["", ""] * _MARKDOWN_COLUMNS, ["---", "---"] * _MARKDOWN_COLUMNS]
+    lines += [[cell for row in rows[line::height] for cell in row] for line in range(height)]
+    table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     return (
         f"### {result}\n\n{table}\n\n"
         "Path: blue = the policy flew, orange = the shield changed it, red = inside the margin, "

@@ -56,7 +56,7 @@ def draw_map(stream: rr.RecordingStream, record: MapRecord) -> None:
 
 def vehicle_shapes(edge_m: float) -> dict[str, rr.AsComponents]:
     """Return the vehicle on a map of ``edge_m``: its body, and a dot that is seen from afar."""
-    return {"body": _quadrotor(VEHICLE_SIZE * edge_m), "dot": _dot(colors.MEASURED, "vehicle")}
+    return {"body": _quadrotor(VEHICLE_SIZE * edge_m), "dot": _dot(colors.MEASURED)}
 
 
 def target_shapes(arrival_radius_m: float) -> dict[str, rr.AsComponents]:
@@ -85,13 +85,13 @@ def line_style(color: Color, width: float) -> rr.AsComponents:
     return rr.LineStrips3D.from_fields(colors=[color], radii=rr.Radius.ui_points(width))
 
 
-def _dot(color: Color, label: str) -> rr.Points3D:
+def _dot(color: Color, label: str | None = None) -> rr.Points3D:
     return rr.Points3D(
         [[0.0, 0.0, 0.0]],
         radii=rr.Radius.ui_points(4.0),
         colors=[color],
-        labels=[label],
-        show_labels=True,
+        labels=None if label is None else [label],
+        show_labels=label is not None,
     )
 
 

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import rerun as rr
 
-from companion.session.blueprint import blueprint
+from companion.session.blueprint import blueprint, map_blueprint
 from companion.session.folder import RECORDING
-from companion.session.records import Event, Mark, Record, SessionEnd, SessionStart, Tick
+from companion.session.records import Event, MapRecord, Mark, Record, SessionEnd, SessionStart, Tick
 from companion.session.rerun_log import SessionLog
+from companion.session.scene import draw_map
 from companion.session.viewer import LOOPBACK, free_port
 
 _APPLICATION = "companion"
@@ -100,6 +101,18 @@ def live_output(announce: Callable[[str], None]) -> RerunOutput:
         return stream
 
     return RerunOutput("live view", host, _LIVE_PERIOD_S)
+
+
+def write_map(path: Path, city: MapRecord) -> None:
+    """Write a recording that holds a map and nothing else.
+
+    Raises:
+        OSError: If the file cannot be created.
+    """
+    stream = rr.RecordingStream(f"{_APPLICATION}-map")
+    stream.set_sinks(rr.FileSink(path), default_blueprint=map_blueprint(city))
+    draw_map(stream, city)
+    stream.disconnect()
 
 
 def _stream(start: SessionStart) -> rr.RecordingStream:

@@ -80,17 +80,15 @@ def headless_viewer(size: tuple[int, int]) -> Iterator[str]:
             process.wait()
 
 
-def optimize(recording: Path) -> bool:
-    """Rewrite a recording with fewer, larger chunks and a footer; also mends one cut off.
+def optimize(recording: Path, rewritten: Path) -> bool:
+    """Write a recording anew with fewer, larger chunks and a footer; mends one cut off.
 
     Returns:
-        Whether it was done; if not, the recording is as it was.
+        Whether ``rewritten`` was written; ``recording`` stays as it is.
     """
-    rewritten = recording.with_suffix(".part")
     try:
         command = [str(viewer_binary()), "rrd", "optimize", str(recording), "-o", str(rewritten)]
         subprocess.run(command, check=True, capture_output=True, timeout=_OPTIMIZE_S)
-        rewritten.replace(recording)
     except (CompanionError, OSError, subprocess.SubprocessError):
         rewritten.unlink(missing_ok=True)
         return False

@@ -1,0 +1,50 @@
+"""A picture of a recording, by a viewer without a window.
+
+Needs a Vulkan driver; on a machine without a graphics card that is Mesa's lavapipe, Debian's
+``mesa-vulkan-drivers`` and ``libvulkan1``.
+"""
+
+from pathlib import Path
+
+from rerun.experimental import ViewerClient
+
+from companion.clock import now_s, sleep_s
+from companion.errors import CompanionError
+from companion.session.viewer import headless_viewer
+
+_LOAD_S = 120.0
+_TOAST_S = 5.0  # until the viewer's own notices have faded
+_SETTLE_S = 1.5  # after a jump in time
+_TIMELINE = "session"
+
+
+def render(recording: Path, png: Path, *, at_s: float | None, size: tuple[int, int]) -> None:
+    """Render ``recording`` at ``at_s``, or at its end, into ``png``.
+
+    Raises:
+        UsageError: If Rerun is not installed.
+        CompanionError: If the viewer cannot start here, or cannot read the recording.
+    """
+    with headless_viewer(size) as address:
+        client = ViewerClient.connect(address)
+        end_s = _load(client, recording)
+        sleep_s(_TOAST_S)
+        time_s = end_s if at_s is None else min(max(0.0, at_s), end_s)
+        client.set_time(_TIMELINE, duration=time_s, play_state="paused")
+        sleep_s(_SETTLE_S)
+        client.save_screenshot(str(png.resolve()))
+
+
+def _load(client: ViewerClient, recording: Path) -> float:
+    """Load the recording and return where its timeline ends, in seconds."""
+    deadline_s = now_s() + _LOAD_S
+    client.open([str(recording)])
+    while client.get_state().loading:
+        if now_s() > deadline_s:
+            raise CompanionError(f"the viewer did not load {recording} within {_LOAD_S:.0f} s")
+        sleep_s(0.1)
+    for found in client.get_state().recordings:
+        for timeline in found.timelines:
+            if timeline.name == _TIMELINE and timeline.end is not None:
+                return timeline.end / 1e9
+    raise CompanionError(f"{recording} holds nothing to show")

@@ -1,0 +1,187 @@
+"""The picture of a session, from a made-up flight: does it open, and does it show everything?"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+
+from companion.session.records import (
+    ActorRecord,
+    Event,
+    MapRecord,
+    Mark,
+    Record,
+    SessionEnd,
+    SessionStart,
+    Tick,
+    VehicleRecord,
+)
+from companion.session.summary import Summary
+from companion.vehicle import Severity
+
+RATE_HZ = 20
+V_MAX_MPS = 5.0
+MARGIN_M = 2.0
+EDGE_M = 100.0
+COLUMNS = ["east", "north", "up", "target east", "target north", "target up"]
+
+CITY = MapRecord(
+    name="made-up",
+    size_m=[EDGE_M, EDGE_M, 60.0],
+    footprints_m=[
+        [[18, 20], [32, 20], [32, 36], [18, 36]],
+        [[44, 12], [60, 12], [60, 20], [52, 20], [52, 32], [44, 32]],
+        [[72, 22], [84, 18], [88, 30], [76, 34]],
+        [[16, 52], [30, 50], [34, 62], [20, 66]],
+        [[44, 46], [58, 46], [58, 60], [44, 60]],
+        [[70, 48], [86, 48], [86, 54], [76, 54], [76, 66], [70, 66]],
+        [[22, 80], [38, 78], [38, 90], [22, 90]],
+        [[52, 76], [62, 72], [68, 82], [56, 88]],
+        [[82, 78], [92, 78], [92, 90], [82, 90]],
+    ],
+    heights_m=[34.0, 46.0, 28.0, 40.0, 52.0, 30.0, 24.0, 44.0, 36.0],
+    names=[f"block {letter}" for letter in "ABCDEFGHI"],
+    content_hash="0" * 64,
+)
+START = SessionStart(
+    session_id="2026-11-22T14-03-07Z",
+    start_utc_us=1_795_356_187_000_000,
+    map=CITY,
+    actor=ActorRecord("paper-env1", "9f" * 32, "paper", COLUMNS),
+    vehicle=VehicleRecord(1, "px4", "1.18.0", "udpin:127.0.0.1:14540"),
+    config={"map": "made-up"},
+    v_max_mps=V_MAX_MPS,
+    margin_m=MARGIN_M,
+    arrival_radius_m=5.0,
+)
+
+
+@dataclass
+class Pilot:
+    """Chases a walking target through the made-up city: a policy, a shield and a vehicle."""
+
+    rng: np.random.Generator
+    position_m: np.ndarray = field(default_factory=lambda: np.array([8.0, 8.0, 0.0]))
+    velocity_mps: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    yaw_rad: float = 0.8
+    bias_mps: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self):
+        self.polygons = shapely.polygons([shapely.linearrings(f) for f in CITY.footprints_m])
+
+    def nearest(self, position_m):
+        """Distance to the nearest wall or roof and the way out."""
+        point = shapely.Point(position_m[:2])
+        best, away = math.inf, np.zeros(3)
+        for polygon, height_m in zip(self.polygons, CITY.heights_m, strict=True):
+            wall = polygon.exterior.interpolate(polygon.exterior.project(point))
+            offset_m = np.array([point.x - wall.x, point.y - wall.y, 0.0])
+            if position_m[2] > height_m:
+                offset_m[2] = position_m[2] - height_m
+            distance_m = float(np.linalg.norm(offset_m))
+            if distance_m < best:
+                best, away = distance_m, offset_m / max(distance_m, 1e-6)
+        return best, away
+
+    def step(self, time_s):
+        angle_rad = 0.05 * time_s
+        target_m = np.array([64 + 26 * math.cos(angle_rad), 68 + 26 * math.sin(angle_rad), 22.0])
+        taking_off = time_s < 6.0
+        offset_m = target_m - self.position_m
+        distance_m = float(np.linalg.norm(offset_m))
+        self.bias_mps += 0.05 * (self.rng.normal(0.0, 1.2, 3) - 0.2 * self.bias_mps)
+        proposed_mps = offset_m / distance_m * min(V_MAX_MPS, 0.5 * distance_m) + self.bias_mps
+        proposed_mps *= min(1.0, V_MAX_MPS / np.linalg.norm(proposed_mps))
+        clearance_m, away = self.nearest(self.position_m)
+        safe_mps = proposed_mps.copy()
+        approach_mps = -float(safe_mps @ away)
+        allowed_mps = max(0.0, 0.8 * (clearance_m - MARGIN_M))
+        intervened = not taking_off and approach_mps > allowed_mps
+        if intervened:
+            along = np.cross(away, [0.0, 0.0, 1.0])
+            safe_mps += (approach_mps - allowed_mps) * (away + along)
+            safe_mps *= min(1.0, V_MAX_MPS / np.linalg.norm(safe_mps))
+        wanted_mps = np.array([0.0, 0.0, 3.0]) if taking_off else safe_mps
+        acceleration_mps2 = (wanted_mps - self.velocity_mps) / 0.45
+        self.velocity_mps += acceleration_mps2 / RATE_HZ + self.rng.normal(0.0, 0.02, 3)
+        self.position_m = self.position_m + self.velocity_mps / RATE_HZ
+        east, north, up = proposed_mps
+        tier = "coast" if 38.0 < time_s < 40.0 else "fresh"
+        target_age_s = time_s - 38.0 if tier == "coast" else float(self.rng.uniform(0.0, 0.2))
+        return Tick(
+            time_s=time_s,
+            position_enu_m=self.position_m.tolist(),
+            velocity_enu_mps=self.velocity_mps.tolist(),
+            attitude_rad=[-0.06 * acceleration_mps2[1], -0.06 * acceleration_mps2[0], self.yaw_rad],
+            target_enu_m=target_m.tolist(),
+            target_tier=tier,
+            observation=[*(self.position_m / EDGE_M).tolist(), *(target_m / EDGE_M).tolist()],
+            action=None if taking_off else (proposed_mps / V_MAX_MPS).tolist(),
+            spherical=None
+            if taking_off
+            else [
+                0.05 * float(np.linalg.norm(proposed_mps)) / V_MAX_MPS,
+                math.acos(up / np.linalg.norm(proposed_mps)),
+                math.atan2(north, east),
+            ],
+            proposed_enu_mps=None if taking_off else proposed_mps.tolist(),
+            safe_enu_mps=None if taking_off else safe_mps.tolist(),
+            clearance_m=clearance_m,
+            distance_m=distance_m,
+            shield_reason="obstacle" if intervened else "",
+            intervened=intervened,
+            supervisor="taking off" if taking_off else "engaged",
+            mode="AUTO.TAKEOFF" if taking_off else "OFFBOARD",
+            armed=True,
+            battery_fraction=0.96 - 0.002 * time_s,
+            link_age_s=time_s % 1.0,
+            position_age_s=float(self.rng.uniform(0.0, 0.03)),
+            target_age_s=target_age_s,
+            latency_ms=float(self.rng.gamma(3.0, 0.15)),
+            lateness_ms=float(self.rng.gamma(1.0, 0.2)),
+            rates_hz={"LOCAL_POSITION_NED": 30.0, "ATTITUDE": 50.0, "HEARTBEAT": 1.0}
+            if time_s % 1.0 == 0.0
+            else None,
+        )
+
+
+def fly(duration_s: float) -> list[Record]:
+    pilot = Pilot(np.random.default_rng(7))
+    ticks = [pilot.step(index / RATE_HZ) for index in range(round(duration_s * RATE_HZ))]
+    closest = min(ticks, key=lambda tick: tick.clearance_m)
+    events = [
+        Event(0.0, Severity.INFO, "companion", "one vehicle: px4 1.18.0, system 1"),
+        Event(0.4, Severity.INFO, "autopilot", "Armed by external command"),
+        Event(0.6, Severity.INFO, "autopilot", "Using minimum takeoff altitude: 2.50 m"),
+        Event(1.1, Severity.INFO, "autopilot", "Takeoff detected"),
+        Event(6.0, Severity.NOTICE, "companion", "engaged: the policy flies"),
+    ]
+    was = False
+    for tick in ticks:
+        if tick.intervened and not was:
+            text = f"shield: obstacle, {tick.clearance_m:.1f} m"
+            events.append(Event(tick.time_s, Severity.WARNING, "companion", text))
+        was = tick.intervened
+    events.append(Event(38.2, Severity.WARNING, "companion", "target silent: fresh -> coast"))
+    speed_mps = [math.hypot(*tick.velocity_enu_mps) for tick in ticks]
+    summary = Summary(
+        outcome="ended",
+        reason="followed the target until Ctrl-C",
+        exit_code=0,
+        duration_s=duration_s,
+        distance_flown_m=sum(speed_mps) / RATE_HZ,
+        final_distance_m=ticks[-1].distance_m,
+        min_clearance_m=closest.clearance_m,
+        max_speed_mps=max(speed_mps),
+        setpoints_sent=sum(tick.safe_enu_mps is not None for tick in ticks),
+        setpoint_rate_hz=20.0,
+        jitter_p99_ms=1.1,
+        latency_p50_ms=0.42,
+        latency_p99_ms=1.2,
+        shield_interventions=sum(tick.intervened for tick in ticks),
+        link_loss_percent=0.1,
+    )
+    timed = sorted([*ticks, *events], key=lambda record: record.time_s)
+    mark = Mark(f"closest: {closest.clearance_m:.1f} m", closest.position_enu_m)
+    return [START, *timed, mark, SessionEnd(summary)]
