@@ -4,6 +4,7 @@ A target, a ground station or a neighbour may well be heard first; latching onto
 wrong vehicle.
 """
 
+import math
 from collections import deque
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -64,7 +65,7 @@ def discover(
         )
     search = _Search(vehicle_sysid, target_sysids)
     deadline_s = connection.now() + timeout_s
-    next_heartbeat_s = connection.now() if connection.speaks_first else deadline_s
+    next_heartbeat_s = connection.now() if connection.speaks_first else math.inf
     while True:
         now_s = connection.now()
         if now_s >= next_heartbeat_s:

@@ -183,9 +183,11 @@ class Telemetry:
         )
         if origin is None:
             return []
-        if self.origin is not None and _moved(self.origin, origin):
+        if self.origin is None:
+            self.origin = origin
+        elif _moved(self.origin, origin):
             self.frame_epoch += 1
-        self.origin = origin
+            self.origin = origin
         return []
 
     def _home(self, message: Any, now_s: float) -> list[VehicleEvent]:

@@ -1,0 +1,87 @@
+"""A link on a memory transport, and what an autopilot says on it."""
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from companion.link.vehicle import attach
+
+
+class Bench:
+    """One vehicle under test, one autopilot on the other end of a memory transport."""
+
+    def __init__(self, transport, sender_class):
+        self.transport = transport
+        self.sender_class = sender_class
+        self.autopilot = self.sender(1)
+        self.vehicle = None
+        self.tapped = []
+        self.answers = {}
+        transport.on_sent = self._answer
+
+    def sender(self, system_id, component_id=1, **options):
+        return self.sender_class(self.transport, system_id, component_id, **options)
+
+    def attach(self, **options):
+        """Attach to the PX4 (or what ``custom``, ``autopilot`` say) of system 1."""
+        heartbeat = {key: options.pop(key) for key in ("autopilot",) if key in options}
+        mode = 4 if heartbeat.get("autopilot") == 3 else 0x03040000
+        self.autopilot.heartbeat(mode, **heartbeat)
+        self.vehicle = attach(
+            self.transport,
+            url="memory",
+            now=self.transport.now,
+            tap=lambda *frame: self.tapped.append(frame),
+            **options,
+        )
+        return self.vehicle
+
+    def run(self, duration_s=0.01):
+        self.vehicle.wait_until(self.transport.now_s + duration_s)
+
+    def position(self, *, boot_ms=60_000, x=1.0, y=2.0, z=-3.0, vx=0.5):
+        self.autopilot.send(
+            dialect.MAVLink_local_position_ned_message(boot_ms, x, y, z, vx, 0.0, 0.0)
+        )
+
+    def attitude(self, *, boot_ms=60_000, yaw=0.3):
+        self.autopilot.send(dialect.MAVLink_attitude_message(boot_ms, 0.1, 0.2, yaw, 0, 0, 0))
+
+    def origin(self, latitude=473977420, longitude=85455940, altitude=489400):
+        self.autopilot.send(
+            dialect.MAVLink_gps_global_origin_message(latitude, longitude, altitude)
+        )
+
+    def estimator(self, flags=0x37F):
+        self.autopilot.send(
+            dialect.MAVLink_estimator_status_message(0, flags, 0, 0, 0, 0, 0, 0, 0, 0)
+        )
+
+    def landed(self, landed_state):
+        self.autopilot.send(dialect.MAVLink_extended_sys_state_message(0, landed_state))
+
+    def acknowledge(self, command, result, *, after_s=0.0, target=(1, 191)):
+        self.autopilot.send(
+            dialect.MAVLink_command_ack_message(command, result, 0, 0, *target), after_s=after_s
+        )
+
+    def flying(self):
+        """Let all that a snapshot needs arrive."""
+        self.position()
+        self.attitude()
+        self.origin()
+        self.estimator()
+        self.landed(2)
+        self.run()
+
+    def commands(self, number):
+        sent = self.transport.sent_of("COMMAND_LONG")
+        return [message for message in sent if message.command == number]
+
+    def _answer(self, message):
+        if message.get_type() == "COMMAND_LONG" and message.command in self.answers:
+            self.answers[message.command](message)
+
+
+@pytest.fixture
+def bench(memory_transport, sender):
+    return Bench(memory_transport(), sender)

@@ -1,0 +1,467 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from companion.link.statustext import TextAssembler, encode_text
+from companion.vehicle import EventKind, FlightMode, LandedState, Severity, SystemStatus
+
+
+def events(bench, kind=None):
+    return [event for event in bench.vehicle.take_events() if kind in (None, event.kind)]
+
+
+# -- state -------------------------------------------------------------------------------------
+
+
+def test_there_is_no_state_until_heartbeat_position_and_attitude_came(bench):
+    vehicle = bench.attach()
+    assert vehicle.state() is None
+    bench.position()
+    bench.run()
+    assert vehicle.state() is None
+    bench.attitude()
+    bench.run()
+    assert vehicle.state() is not None
+
+
+def test_a_snapshot_in_si_units(bench):
+    vehicle = bench.attach()
+    bench.flying()
+    bench.autopilot.heartbeat(0x00060000, armed=True, status=4)
+    bench.run()
+    state = vehicle.state()
+    np.testing.assert_allclose(state.position_ned_m, (1.0, 2.0, -3.0))
+    np.testing.assert_allclose(state.velocity_ned_mps, (0.5, 0.0, 0.0))
+    np.testing.assert_allclose(state.attitude_rad, (0.1, 0.2, 0.3), rtol=1e-6)
+    assert (state.mode, state.mode_name, state.armed) == (FlightMode.EXTERNAL, "OFFBOARD", True)
+    assert (state.landed, state.system_status) == (LandedState.IN_AIR, SystemStatus.ACTIVE)
+    assert state.origin.latitude_deg == pytest.approx(47.397742)
+    assert state.origin.altitude_m == pytest.approx(489.4)
+    assert state.position_valid
+    assert state.battery_fraction is None
+
+
+def test_a_snapshot_never_changes(bench):
+    vehicle = bench.attach()
+    bench.flying()
+    before = vehicle.state()
+    bench.position(x=9.0)
+    bench.run()
+    assert before.position_ned_m[0] == 1.0
+    assert vehicle.state().position_ned_m[0] == 9.0
+    for array in (before.position_ned_m, before.velocity_ned_mps, before.attitude_rad):
+        assert not array.flags.writeable
+
+
+@pytest.mark.parametrize("bad", [{"x": math.nan}, {"z": math.inf}, {"vx": -math.inf}])
+def test_a_position_that_is_no_number_leaves_the_last_one_to_age(bench, bad):
+    vehicle = bench.attach()
+    bench.flying()
+    before = vehicle.state()
+    bench.run(1.0)
+    bench.position(**bad)
+    bench.run()
+    assert vehicle.state().time_s == before.time_s
+    assert np.isfinite(vehicle.state().position_ned_m).all()
+
+
+def test_the_estimator_must_vouch_and_keep_vouching(bench):
+    vehicle = bench.attach()
+    bench.flying()
+    assert vehicle.state().position_valid
+    bench.run(4.9)
+    assert vehicle.state().position_valid
+    bench.run(0.2)
+    assert not vehicle.state().position_valid
+    bench.estimator(0x0065)
+    bench.run()
+    assert not vehicle.state().position_valid
+
+
+def test_only_the_autopilot_of_the_vehicle_speaks_for_it(bench):
+    vehicle = bench.attach()
+    bench.flying()
+    before = vehicle.state()
+    for stranger in (bench.sender(1, 191), bench.sender(1, 2), bench.sender(2), bench.sender(255)):
+        stranger.heartbeat(0x00060000, armed=True, status=5)
+        stranger.send(dialect.MAVLink_local_position_ned_message(61_000, 99, 99, 99, 9, 9, 9))
+        stranger.send(dialect.MAVLink_statustext_message(2, b"I am somebody else"))
+    bench.run()
+    after = vehicle.state()
+    assert (after.mode, after.armed, after.time_s) == (before.mode, False, before.time_s)
+    assert vehicle.stats().packets_foreign == 12
+    assert events(bench) == []
+
+
+def test_numbers_no_standard_knows(bench):
+    vehicle = bench.attach()
+    bench.flying()
+    bench.autopilot.heartbeat(status=200)
+    bench.landed(77)
+    bench.autopilot.send(dialect.MAVLink_statustext_message(200, b"odd"))
+    bench.run()
+    state = vehicle.state()
+    assert (state.system_status, state.landed) == (SystemStatus.UNINIT, LandedState.UNKNOWN)
+    assert [event.severity for event in events(bench)] == [Severity.DEBUG]
+
+
+def sys_status(health, battery=-1):
+    check = dialect.MAV_SYS_STATUS_PREARM_CHECK
+    return dialect.MAVLink_sys_status_message(
+        check, check, check if health else 0, 0, 0, 0, battery, 0, 0, 0, 0, 0, 0
+    )
+
+
+def test_ready_to_arm_and_battery(bench):
+    vehicle = bench.attach()
+    bench.flying()
+    for healthy in (True, False, True):
+        bench.autopilot.send(sys_status(healthy, battery=55))
+        bench.run()
+        assert vehicle.state().ready_to_arm is healthy
+    assert vehicle.state().battery_fraction == 0.55
+
+
+# -- epochs and reboots ------------------------------------------------------------------------
+
+
+def odometry(reset_counter):
+    zeros = (0.0,) * 21
+    return dialect.MAVLink_odometry_message(
+        0, 1, 1, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0, 0, 0, 0, zeros, zeros, reset_counter, 0, 0
+    )
+
+
+def test_an_estimator_reset_is_a_new_epoch(bench):
+    vehicle = bench.attach()
+    bench.flying()
+    epochs = []
+    for counter in (4, 4, 5, 5, 7, 255, 0):
+        bench.autopilot.send(odometry(counter))
+        bench.run()
+        epochs.append(vehicle.state().frame_epoch)
+    assert epochs == [0, 0, 1, 1, 2, 3, 4]
+
+
+def test_an_origin_that_moves_is_a_new_epoch(bench):
+    vehicle = bench.attach()
+    bench.flying()
+    bench.origin(latitude=473977424)  # 4 cm: rounding
+    bench.run()
+    assert vehicle.state().frame_epoch == 0
+    bench.origin(latitude=473977520)
+    bench.run()
+    assert vehicle.state().frame_epoch == 1
+    bench.origin(latitude=473977520, altitude=489900)
+    bench.run()
+    assert vehicle.state().frame_epoch == 2
+    bench.origin(0, 0, 0)  # no place: ignored
+    bench.run()
+    assert vehicle.state().frame_epoch == 2
+    assert vehicle.state().origin.altitude_m == pytest.approx(489.9)
+    for step in range(1, 5):  # rounding does not add up unseen
+        bench.origin(latitude=473977520 + 4 * step, altitude=489900)
+    bench.run()
+    assert vehicle.state().frame_epoch == 4
+
+
+def test_a_reboot_drops_all_that_was_known(bench):
+    vehicle = bench.attach()
+    bench.flying()
+    bench.run(5.0)
+    events(bench)
+    asked = len(bench.commands(dialect.MAV_CMD_REQUEST_MESSAGE))
+    bench.attitude(boot_ms=900)
+    bench.run()
+    (event,) = events(bench, EventKind.REBOOT)
+    assert event.severity is Severity.CRITICAL
+    assert vehicle.state() is None
+    bench.autopilot.heartbeat()
+    bench.position(boot_ms=1000)
+    bench.run(0.1)
+    state = vehicle.state()
+    assert (state.origin, state.frame_epoch, state.position_valid) == (None, 1, False)
+    assert len(bench.commands(dialect.MAV_CMD_REQUEST_MESSAGE)) > asked
+
+
+@pytest.mark.parametrize(
+    ("before_ms", "after_ms", "reboots"),
+    [(60_000, 59_000, 0), (60_000, 58_999, 1), (2**32 - 20, 30, 0), (2**31, 0, 0), (5000, 4990, 0)],
+)
+def test_what_counts_as_a_reboot(bench, before_ms, after_ms, reboots):
+    bench.attach()
+    bench.position(boot_ms=before_ms)
+    bench.run()
+    bench.attitude(boot_ms=after_ms)
+    bench.run()
+    assert len(events(bench, EventKind.REBOOT)) == reboots
+
+
+# -- texts -------------------------------------------------------------------------------------
+
+
+def test_texts_are_joined_and_trimmed(bench):
+    bench.attach()
+    text = b"Arming denied: Resolve system health failures first\t"
+    bench.autopilot.send(dialect.MAVLink_statustext_message(2, text[:50], 9, 0))
+    bench.run()
+    assert events(bench) == []
+    bench.autopilot.send(dialect.MAVLink_statustext_message(2, text[50:], 9, 1))
+    bench.autopilot.send(dialect.MAVLink_statustext_message(6, b"Takeoff detected\t"))
+    bench.run()
+    assert [(event.severity, event.text) for event in events(bench)] == [
+        (Severity.CRITICAL, "Arming denied: Resolve system health failures first"),
+        (Severity.INFO, "Takeoff detected"),
+    ]
+
+
+def test_a_text_whose_end_is_lost_is_shown_as_far_as_it_came(bench):
+    bench.attach()
+    bench.autopilot.send(dialect.MAVLink_statustext_message(2, b"a" * 50, 9, 0))
+    bench.run()
+    bench.autopilot.send(dialect.MAVLink_statustext_message(2, b"b" * 50, 10, 0))
+    bench.run()
+    assert [event.text for event in events(bench)] == ["a" * 50]
+    bench.run(2.5)
+    assert [event.text for event in events(bench)] == ["b" * 50]
+
+
+@given(st.text(st.characters(min_codepoint=33, max_codepoint=126), min_size=1, max_size=180))
+def test_what_we_say_is_what_another_companion_reads(text):
+    assembler = TextAssembler()
+    read = []
+    for message in encode_text(text, 4, 77):
+        frame = message.pack(dialect.MAVLink(None, 1, 191))
+        read += assembler.add(dialect.MAVLink(None).decode(bytearray(frame)), 0.0)
+    assert read == [(4, text)]
+
+
+def test_say(bench):
+    vehicle = bench.attach()
+    bench.transport.sent.clear()
+    vehicle.say("standing down: pilot took LOITER", Severity.WARNING)
+    (message,) = bench.transport.sent_of("STATUSTEXT")
+    assert (message.severity, message.text) == (4, "standing down: pilot took LOITER")
+    assert (message.id, message.chunk_seq) == (0, 0)
+    vehicle.say("é" + "x" * 60)
+    assert [(m.id, m.chunk_seq) for m in bench.transport.sent_of("STATUSTEXT")[1:]] == [
+        (2, 0),
+        (2, 1),
+    ]
+
+
+# -- setpoints and heartbeat -------------------------------------------------------------------
+
+
+def test_one_call_one_setpoint_and_silence_after(bench):
+    vehicle = bench.attach()
+    bench.flying()
+    bench.transport.sent.clear()
+    vehicle.send_velocity(np.array((1.0, -2.0, 0.5)))
+    (message,) = bench.transport.sent
+    assert message.get_type() == "SET_POSITION_TARGET_LOCAL_NED"
+    assert (message.vx, message.vy, message.vz) == (1.0, -2.0, 0.5)
+    assert (message.type_mask, message.coordinate_frame) == (0b1101_1100_0111, 1)
+    assert (message.target_system, message.target_component) == (1, 1)
+    bench.run(30.0)
+    assert len(bench.transport.sent_of("SET_POSITION_TARGET_LOCAL_NED")) == 1
+    assert bench.transport.sent_of("HEARTBEAT") == []
+    assert vehicle.stats().setpoints_sent == 1
+
+
+def test_a_setpoint_with_yaw(bench):
+    vehicle = bench.attach()
+    vehicle.send_velocity(np.zeros(3), yaw_rad=-1.5)
+    message = bench.transport.sent[-1]
+    assert (message.type_mask, message.yaw) == (2503, -1.5)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "yaw_rad"),
+    [
+        ((math.nan, 0, 0), None),
+        ((0, math.inf, 0), None),
+        ((0, 0, -math.inf), None),
+        ((math.inf, -math.inf, 0), None),
+        ((0, 0, 0), math.nan),
+        ((0, 0), None),
+        ((0, 0, 0, 0), None),
+        (((0, 0, 0),), None),
+    ],
+)
+def test_nothing_but_finite_velocities_leaves(bench, velocity, yaw_rad):
+    vehicle = bench.attach()
+    bench.transport.sent.clear()
+    with pytest.raises(ValueError, match=r"must be finite|shape"):
+        vehicle.send_velocity(np.array(velocity, dtype=float), yaw_rad)
+    assert bench.transport.sent == []
+    assert vehicle.stats().setpoints_sent == 0
+
+
+def test_our_heartbeat_is_an_onboard_controllers(bench):
+    vehicle = bench.attach()
+    vehicle.send_heartbeat(SystemStatus.CRITICAL)
+    message = bench.transport.sent[-1]
+    assert (message.get_srcSystem(), message.get_srcComponent()) == (1, 191)
+    assert (message.type, message.autopilot, message.system_status) == (18, 8, 5)
+    assert (message.base_mode, message.custom_mode) == (0, 0)
+
+
+# -- targets -----------------------------------------------------------------------------------
+
+
+def global_position(lat=473980000, lon=85460000, alt=500_000):
+    return dialect.MAVLink_global_position_int_message(7000, lat, lon, alt, 10_000, 150, -20, 5, 0)
+
+
+def follow_target(lat=473980000, lon=85460000, alt=500.0, velocity=(1, 2, 3), capabilities=3):
+    zeros = (0.0, 0.0, 0.0)
+    return dialect.MAVLink_follow_target_message(
+        8000, capabilities, lat, lon, alt, velocity, zeros, (1, 0, 0, 0), zeros, zeros, 0
+    )
+
+
+def test_a_targets_position(bench):
+    vehicle = bench.attach(target_sysids=(42,))
+    bench.sender(42).send(global_position())
+    bench.run()
+    report = vehicle.targets()[42]
+    assert (report.source, report.system_id, report.source_time_s) == ("GLOBAL_POSITION_INT", 42, 7)
+    assert report.position.latitude_deg == pytest.approx(47.398)
+    assert report.position.altitude_m == 500.0
+    np.testing.assert_allclose(report.velocity_ned_mps, (1.5, -0.2, 0.05))
+    assert vehicle.stats().packets_foreign == 0
+
+
+def test_a_follow_target(bench):
+    vehicle = bench.attach(target_sysids=(255,))
+    ground_station = bench.sender(255, 190)
+    ground_station.send(follow_target())
+    bench.run()
+    np.testing.assert_allclose(vehicle.targets()[255].velocity_ned_mps, (1, 2, 3))
+    ground_station.send(follow_target(capabilities=1))
+    bench.run()
+    assert vehicle.targets()[255].velocity_ned_mps is None
+    ground_station.send(follow_target(velocity=(math.nan, 0, 0)))
+    bench.run()
+    assert vehicle.targets()[255].velocity_ned_mps is None
+    assert vehicle.targets()[255].source_time_s == 8.0
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        global_position(lat=0, lon=0, alt=0),
+        global_position(lat=910000000),
+        global_position(lon=-1810000000),
+        follow_target(lat=0, lon=0),
+        follow_target(alt=math.nan),
+        follow_target(alt=math.inf),
+        follow_target(capabilities=0),
+    ],
+)
+def test_what_is_no_place_is_no_target(bench, message):
+    vehicle = bench.attach(target_sysids=(42,))
+    bench.sender(42).send(message)
+    bench.run()
+    assert dict(vehicle.targets()) == {}
+
+
+def test_only_named_targets_are_heard(bench):
+    vehicle = bench.attach(target_sysids=(42,))
+    bench.sender(43).send(global_position())
+    bench.autopilot.send(global_position())
+    bench.run()
+    assert dict(vehicle.targets()) == {}
+    assert vehicle.stats().packets_foreign == 1
+
+
+def test_targets_are_a_copy(bench):
+    vehicle = bench.attach(target_sysids=(42,))
+    bench.sender(42).send(global_position())
+    bench.run()
+    before = vehicle.targets()
+    bench.sender(42).send(global_position(alt=600_000))
+    bench.run()
+    assert before[42].position.altitude_m == 500.0
+
+
+# -- counting, clocks and the tap --------------------------------------------------------------
+
+
+def test_stats_count_losses_of_the_vehicle(bench):
+    vehicle = bench.attach()
+    for number in range(10):
+        frame = bench.autopilot.pack(dialect.MAVLink_system_time_message(0, 60_000))
+        if number not in (3, 4, 7):
+            bench.transport.deliver(frame)
+    bench.transport.deliver(b"noise")
+    bench.run()
+    stats = vehicle.stats()
+    assert (stats.packets_received, stats.packets_lost, stats.bytes_bad) == (8, 3, 5)
+    assert stats.loss_percent == pytest.approx(100 * 3 / 11)
+
+
+def test_rates_are_measured(bench):
+    vehicle = bench.attach()
+    for _ in range(100):
+        bench.attitude()
+        bench.run(0.1)
+    assert vehicle.stats().rates_hz["ATTITUDE"] == pytest.approx(10.0, abs=1.0)
+
+
+def test_the_tap_sees_every_frame_of_both_directions(bench):
+    vehicle = bench.attach()
+    bench.flying()
+    bench.sender(200).heartbeat()
+    bench.run()
+    vehicle.send_heartbeat(SystemStatus.ACTIVE)
+    received = [frame for sent, _, frame in bench.tapped if not sent]
+    sent = [frame for sent, _, frame in bench.tapped if sent]
+    reader = dialect.MAVLink(None)
+    assert len(received) == 7
+    assert all(reader.decode(bytearray(frame)).get_type() != "BAD_DATA" for frame in received)
+    assert len(sent) == len(bench.transport.sent)
+    assert [time_s for _, time_s, _ in bench.tapped] == sorted(t for _, t, _ in bench.tapped)
+
+
+def test_timesync_is_answered_once(bench):
+    bench.attach()
+    bench.autopilot.send(dialect.MAVLink_timesync_message(0, 123456789))
+    bench.autopilot.send(dialect.MAVLink_timesync_message(55, 123456789))
+    bench.run()
+    (reply,) = bench.transport.sent_of("TIMESYNC")
+    assert reply.ts1 == 123456789
+    assert reply.tc1 == pytest.approx(bench.transport.now_s * 1e9, rel=1e-3)
+
+
+def test_packets_that_could_not_be_sent_are_told(bench):
+    bench.attach()
+    bench.run(2.0)
+    events(bench)
+    bench.transport.send_errors = 3
+    bench.run(1.1)
+    (event,) = events(bench, EventKind.LINK_ERROR)
+    assert event.text.startswith("3 packets")
+    bench.run(3.0)
+    assert events(bench, EventKind.LINK_ERROR) == []
+
+
+def test_wait_until_takes_in_what_has_come_though_the_deadline_is_past(bench):
+    vehicle = bench.attach()
+    bench.position()
+    bench.attitude()
+    vehicle.wait_until(bench.transport.now_s - 5.0)
+    assert vehicle.state() is not None
+
+
+def test_close_sends_nothing(bench):
+    vehicle = bench.attach()
+    bench.transport.sent.clear()
+    vehicle.close()
+    assert bench.transport.closed
+    assert bench.transport.sent == []
