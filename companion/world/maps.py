@@ -7,6 +7,7 @@ from YAML files (``load_map``) or from footprints (``build_map``); both are chec
 import hashlib
 import json
 import math
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from companion.arrays import BoolArray, FloatArray
 from companion.errors import MapError
@@ -151,6 +153,47 @@ def load_map(path_or_name: str | Path) -> Map:
 def bundled_maps() -> list[str]:
     """Return the names of the maps that come with the package."""
     return sorted(path.stem for path in _bundled_folder().glob("*.yaml"))
+
+
+def describe_map(city: Map) -> str:
+    """Return a table of the map for people, at most 80 columns wide, without a final newline."""
+    size = " x ".join(f"{side:g}" for side in city.size_m)
+    ground = shapely.union_all([shapely.Polygon(footprint) for footprint in city.footprints_m])
+    share = 100.0 * ground.area / float(city.size_m[0] * city.size_m[1])
+    count = len(city.obstacles)
+    lines = [
+        *textwrap.wrap(f"{city.name}: {city.description}" if city.description else city.name, 80),
+        "",
+        f"size       {size} m east, north, up",
+        f"place      {_place(city)}",
+        f"obstacles  {count or 'none'}{f', on {share:.1f} % of the ground' if count else ''}",
+        f"hash       {city.content_hash}",
+    ]
+    if count:
+        heading = f"{'obstacle':<20}{'height':>9}{'east':>18}{'north':>18}{'corners':>9}"
+        lines += ["", heading, f"{'':<20}{'m':>9}{'m':>18}{'m':>18}"]
+    for name, footprint, height_m in zip(
+        city.obstacle_names, city.footprints_m, city.heights_m, strict=True
+    ):
+        west, south = footprint.min(axis=0)
+        east, north = footprint.max(axis=0)
+        lines.append(
+            f"{name if len(name) < 20 else name[:16] + '...':<20}{height_m:>9.1f}"
+            f"{f'{west:.1f} - {east:.1f}':>18}{f'{south:.1f} - {north:.1f}':>18}{len(footprint):>9}"
+        )
+    return "\n".join(lines)
+
+
+def _place(city: Map) -> str:
+    if city.origin is not None:
+        return (
+            f"south-west ground corner at {city.origin.latitude_deg:.6f}, "
+            f"{city.origin.longitude_deg:.6f}, {city.origin.altitude_m:g} m AMSL"
+        )
+    if city.launch_enu_m is None:
+        return "nowhere: neither origin nor launch_m, so it cannot be flown over a link"
+    east_m, north_m, up_m = city.launch_enu_m
+    return f"where the vehicle starts: its local origin is ({east_m:g}, {north_m:g}, {up_m:g}) m"
 
 
 def _bundled_folder() -> Path:
