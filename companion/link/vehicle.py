@@ -264,7 +264,8 @@ class MavlinkVehicle:
         deadline_s = self.now_s() + timeout_s
         while name not in self._params and self.now_s() < deadline_s:
             self._connection.send(messages.read_param(self._system_id, name))
-            self._wait_for(lambda: name in self._params, min(_PARAM_RETRY_S, timeout_s))
+            retry_s = min(_PARAM_RETRY_S, deadline_s - self.now_s())
+            self._wait_for(lambda: name in self._params, retry_s)
         return self._params.get(name)
 
     def wait_for_version(self, timeout_s: float) -> None:

@@ -1,0 +1,382 @@
+import math
+import struct
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from companion.vehicle import RequestKind, RequestState
+
+SET_MODE = dialect.MAV_CMD_DO_SET_MODE
+ARM = dialect.MAV_CMD_COMPONENT_ARM_DISARM
+TAKEOFF = dialect.MAV_CMD_NAV_TAKEOFF
+ACCEPTED, TEMPORARILY_REJECTED, FAILED, IN_PROGRESS = 0, 1, 4, 5
+OFFBOARD = 0x00060000
+LOITER = 0x03040000
+
+
+def status(bench):
+    return bench.vehicle.request_status()
+
+
+@pytest.fixture
+def px4(bench):
+    bench.attach()
+    bench.flying()
+    return bench
+
+
+@pytest.fixture
+def ardupilot(bench):
+    bench.attach(autopilot=3)
+    return bench
+
+
+def test_idle_before_anything_was_asked(px4):
+    assert (status(px4).kind, status(px4).state) == (None, RequestState.IDLE)
+
+
+def test_accepted_is_not_yet_confirmed(px4):
+    px4.answers[SET_MODE] = lambda message: px4.acknowledge(SET_MODE, ACCEPTED, after_s=0.02)
+    px4.vehicle.request(RequestKind.EXTERNAL)
+    (command,) = px4.commands(SET_MODE)
+    assert (command.param1, command.param2, command.param3) == (1, 6, 0)
+    assert (command.target_system, command.target_component, command.confirmation) == (1, 1, 0)
+    px4.run(0.5)
+    assert status(px4).state is RequestState.PENDING
+    px4.autopilot.heartbeat(OFFBOARD)
+    px4.run()
+    assert status(px4).state is RequestState.CONFIRMED
+    px4.run(5.0)
+    assert len(px4.commands(SET_MODE)) == 1
+
+
+def test_the_heartbeat_confirms_even_if_the_acknowledgement_is_lost(px4):
+    px4.vehicle.request(RequestKind.EXTERNAL)
+    px4.run(0.3)
+    px4.autopilot.heartbeat(OFFBOARD)
+    px4.run()
+    assert status(px4).state is RequestState.CONFIRMED
+
+
+def test_what_is_so_already_needs_the_acknowledgement(px4):
+    """A failsafe's own LOITER is no answer to our HOLD."""
+    px4.vehicle.request(RequestKind.HOLD)
+    px4.autopilot.heartbeat(LOITER, armed=True, status=5)
+    px4.run(0.5)
+    assert status(px4).state is RequestState.PENDING
+    px4.acknowledge(SET_MODE, ACCEPTED)
+    px4.run()
+    assert status(px4).state is RequestState.CONFIRMED
+
+
+def test_an_old_heartbeat_confirms_nothing(px4):
+    px4.acknowledge(SET_MODE, ACCEPTED, after_s=0.1)
+    px4.vehicle.request(RequestKind.HOLD)
+    px4.run(0.5)
+    assert status(px4).state is RequestState.PENDING
+    px4.autopilot.heartbeat(LOITER)
+    px4.run()
+    assert status(px4).state is RequestState.CONFIRMED
+
+
+def test_three_tries_and_then_silence(px4):
+    px4.vehicle.request(RequestKind.LAND)
+    start_s = px4.transport.now_s
+    px4.run(10.0)
+    assert [message.confirmation for message in px4.commands(SET_MODE)] == [0, 1, 2]
+    assert (status(px4).state, status(px4).detail) == (
+        RequestState.TIMED_OUT,
+        "no answer to 3 tries",
+    )
+    assert px4.transport.now_s - start_s == pytest.approx(10.0)
+
+
+def test_accepted_and_never_seen(px4):
+    px4.acknowledge(ARM, ACCEPTED, after_s=0.01)
+    px4.vehicle.request(RequestKind.ARM)
+    px4.run(6.0)
+    assert status(px4).state is RequestState.TIMED_OUT
+    assert "not seen" in status(px4).detail
+    assert len(px4.commands(ARM)) == 1
+
+
+def test_arming_never_forces(px4):
+    px4.vehicle.request(RequestKind.ARM)
+    (command,) = px4.commands(ARM)
+    assert (command.param1, command.param2) == (1.0, 0.0)
+    px4.autopilot.heartbeat(LOITER, armed=True)
+    px4.run()
+    assert status(px4).state is RequestState.CONFIRMED
+
+
+@pytest.mark.parametrize(
+    ("result", "name"),
+    [(1, "TEMPORARILY_REJECTED"), (2, "DENIED"), (3, "UNSUPPORTED"), (4, "FAILED"), (77, "77")],
+)
+def test_a_rejection_carries_the_result_by_name(px4, result, name):
+    px4.acknowledge(SET_MODE, result, after_s=0.01)
+    px4.vehicle.request(RequestKind.RETURN)
+    px4.run(1.0)
+    assert status(px4).state is RequestState.REJECTED
+    assert name in status(px4).detail
+    assert len(px4.commands(SET_MODE)) == 1
+
+
+@pytest.mark.parametrize("text_first", [True, False])
+def test_a_rejection_carries_what_the_vehicle_said(ardupilot, text_first):
+    text = dialect.MAVLink_statustext_message(2, b"Arm: System not initialised")
+    ardupilot.autopilot.send(text, after_s=0.01 if text_first else 0.04)
+    ardupilot.acknowledge(ARM, FAILED, after_s=0.02)
+    ardupilot.vehicle.request(RequestKind.ARM)
+    ardupilot.run(0.5)
+    assert status(ardupilot).detail == "FAILED: Arm: System not initialised"
+
+
+def test_talk_is_no_reason(ardupilot):
+    ardupilot.autopilot.send(dialect.MAVLink_statustext_message(6, b"Field Elevation Set"))
+    ardupilot.acknowledge(ARM, FAILED, after_s=0.02)
+    ardupilot.vehicle.request(RequestKind.ARM)
+    ardupilot.run(0.5)
+    assert status(ardupilot).detail == "FAILED"
+
+
+def test_in_progress_extends_and_is_never_sent_again(px4):
+    px4.answers[TAKEOFF] = lambda message: px4.acknowledge(TAKEOFF, IN_PROGRESS, after_s=0.1)
+    px4.vehicle.request(RequestKind.TAKEOFF, altitude_m=10.0)
+    px4.acknowledge(TAKEOFF, IN_PROGRESS, after_s=2.5)
+    px4.run(5.0)
+    assert status(px4).state is RequestState.PENDING
+    assert len(px4.commands(TAKEOFF)) == 1
+    px4.run(1.0)
+    assert status(px4).state is RequestState.TIMED_OUT
+
+
+@pytest.mark.parametrize("target", [(1, 190), (255, 191), (255, 190)])
+def test_answers_to_others_are_not_ours(px4, target):
+    px4.vehicle.request(RequestKind.EXTERNAL)
+    px4.acknowledge(SET_MODE, FAILED, after_s=0.01, target=target)
+    px4.run(0.1)
+    assert status(px4).state is RequestState.PENDING
+
+
+def test_answers_to_other_commands_are_not_ours(px4):
+    px4.vehicle.request(RequestKind.EXTERNAL)
+    px4.acknowledge(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, FAILED, after_s=0.01)
+    px4.run(0.1)
+    assert status(px4).state is RequestState.PENDING
+
+
+def test_an_acknowledgement_without_a_target_is_taken(px4):
+    px4.vehicle.request(RequestKind.EXTERNAL)
+    px4.acknowledge(SET_MODE, TEMPORARILY_REJECTED, after_s=0.01, target=(0, 0))
+    px4.run(0.1)
+    assert status(px4).state is RequestState.REJECTED
+
+
+def test_a_new_request_replaces_the_pending_one(px4):
+    px4.vehicle.request(RequestKind.EXTERNAL)
+    px4.run(0.1)
+    px4.vehicle.request(RequestKind.HOLD)
+    px4.run(10.0)
+    modes = [message.param2 for message in px4.commands(SET_MODE)]
+    assert modes == [6, 4, 4, 4]
+    assert status(px4).kind is RequestKind.HOLD
+
+
+def test_a_reboot_ends_what_was_pending(px4):
+    px4.vehicle.request(RequestKind.LAND)
+    px4.attitude(boot_ms=500)
+    px4.run()
+    assert (status(px4).state, status(px4).detail) == (
+        RequestState.REJECTED,
+        "the autopilot rebooted",
+    )
+
+
+def test_px4_takes_off_above_sea_level(px4):
+    px4.vehicle.request(RequestKind.TAKEOFF, altitude_m=10.0)
+    (command,) = px4.commands(TAKEOFF)
+    assert command.param7 == pytest.approx(489.4 + 3.0 + 10.0)  # origin, 3 m above it, 10 m more
+    assert all(map(math.isnan, (command.param4, command.param5, command.param6)))
+
+
+def test_px4_shows_a_take_off_by_its_mode(px4):
+    px4.landed(1)
+    px4.run()
+    px4.vehicle.request(RequestKind.TAKEOFF, altitude_m=10.0)
+    px4.run(0.1)
+    px4.autopilot.heartbeat(0x02040000)
+    px4.run()
+    assert status(px4).state is RequestState.CONFIRMED
+
+
+def test_px4_without_an_origin_is_not_asked_to_take_off(bench):
+    bench.attach()
+    bench.vehicle.request(RequestKind.TAKEOFF, altitude_m=10.0)
+    assert status(bench).state is RequestState.REJECTED
+    assert "GPS_GLOBAL_ORIGIN" in status(bench).detail
+    assert bench.commands(TAKEOFF) == []
+
+
+def test_ardupilot_takes_off_above_home(ardupilot):
+    ardupilot.autopilot.heartbeat(4, autopilot=3, armed=True)
+    ardupilot.vehicle.request(RequestKind.TAKEOFF, altitude_m=10.0)
+    (command,) = ardupilot.commands(TAKEOFF)
+    assert command.param7 == 10.0
+    ardupilot.acknowledge(TAKEOFF, ACCEPTED)
+    ardupilot.run(3.0)  # spinning up
+    assert status(ardupilot).state is RequestState.PENDING
+    ardupilot.autopilot.heartbeat(4, autopilot=3, armed=True, status=4)
+    ardupilot.landed(3)
+    ardupilot.run()
+    assert status(ardupilot).state is RequestState.CONFIRMED
+
+
+@pytest.mark.parametrize("altitude_m", [None, 0.0, -5.0, math.nan, math.inf])
+def test_a_take_off_to_nowhere_is_a_mistake(px4, altitude_m):
+    with pytest.raises(ValueError, match="altitude"):
+        px4.vehicle.request(RequestKind.TAKEOFF, altitude_m=altitude_m)
+    assert px4.commands(TAKEOFF) == []
+
+
+# -- what the link asks for by itself ----------------------------------------------------------
+
+
+def asked_for(bench):
+    return [int(message.param1) for message in bench.commands(dialect.MAV_CMD_REQUEST_MESSAGE)]
+
+
+def test_origin_home_and_version_are_asked_for_until_they_come(bench):
+    bench.attach()
+    bench.run(3.5)
+    assert asked_for(bench).count(49) >= 4
+    bench.origin()
+    bench.autopilot.send(
+        dialect.MAVLink_home_position_message(
+            473977420, 85455940, 489400, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0
+        )
+    )
+    bench.autopilot.send(
+        dialect.MAVLink_autopilot_version_message(
+            0, 0x040603FF, 0, 0, 0, bytes(8), bytes(8), bytes(8), 0, 0, 0
+        )
+    )
+    bench.run(1.0)
+    before = len(asked_for(bench))
+    bench.run(5.0)
+    assert len(asked_for(bench)) == before
+    assert bench.vehicle.info.version == "4.6.3"
+
+
+@pytest.mark.parametrize(
+    ("packed", "words"),
+    [(0x01120080, "1.18.0 beta"), (0x040603FF, "4.6.3"), (0x010F00C0, "1.15.0 rc"),
+     (0x01100000, "1.16.0 dev"), (0x01100040, "1.16.0 alpha")],
+)  # fmt: skip
+def test_versions_in_words(bench, packed, words):
+    bench.attach()
+    bench.autopilot.send(
+        dialect.MAVLink_autopilot_version_message(
+            0, packed, 0, 0, 0, bytes(8), bytes(8), bytes(8), 0, 0, 0
+        )
+    )
+    bench.run()
+    assert bench.vehicle.info.version == words
+
+
+def intervals(bench):
+    return [
+        (int(message.param1), message.param2)
+        for message in bench.commands(dialect.MAV_CMD_SET_MESSAGE_INTERVAL)
+    ]
+
+
+def test_streams_that_are_missing_are_asked_for(ardupilot):
+    ardupilot.run(3.0)
+    asked = dict(intervals(ardupilot))
+    assert set(asked) == {32, 30, 1, 245, 193}
+    assert asked[32] == pytest.approx(1e6 / 30)
+
+
+def positions_flow(bench, duration_s):
+    end_s = bench.transport.now_s + duration_s
+    while bench.transport.now_s < end_s:
+        bench.position()
+        bench.run(0.03)
+
+
+def test_streams_that_flow_are_left_alone(ardupilot):
+    positions_flow(ardupilot, 5.0)  # the first window lies partly before them
+    ardupilot.transport.sent.clear()
+    positions_flow(ardupilot, 20.0)
+    assert set(dict(intervals(ardupilot))) == {30, 1, 245, 193}
+
+
+def test_a_stream_that_others_slowed_is_asked_for_again_but_not_in_a_hurry(ardupilot):
+    positions_flow(ardupilot, 10.0)
+    ardupilot.transport.sent.clear()
+    ardupilot.run(20.0)
+    times = [message_id for message_id, _ in intervals(ardupilot)].count(32)
+    assert 3 <= times <= 4
+
+
+# -- parameters --------------------------------------------------------------------------------
+
+
+def param_value(bench, name, raw, kind):
+    """Send PARAM_VALUE with these four bytes; pymavlink would lose some on the way."""
+    frame = bytearray(
+        bench.autopilot.pack(dialect.MAVLink_param_value_message(name, 1.0, kind, 1, 0))
+    )
+    frame[10:14] = raw
+    crc = dialect.x25crc(
+        bytes(frame[1:-2]) + bytes((dialect.MAVLink_param_value_message.crc_extra,))
+    )
+    frame[-2:] = struct.pack("<H", crc.crc)
+    bench.transport.deliver(bytes(frame), after_s=0.05)
+
+
+def answer_params(bench, values):
+    def answer(message):
+        if message.get_type() == "PARAM_REQUEST_READ" and message.param_id in values:
+            param_value(bench, message.param_id.encode(), *values[message.param_id])
+
+    bench.transport.on_sent = answer
+
+
+def test_parameters_of_px4_are_read_bytewise(px4):
+    answer_params(
+        px4,
+        {
+            "COM_OF_LOSS_T": (struct.pack("<f", 1.0), 9),
+            "COM_FLTMODE1": (struct.pack("<i", -1), 6),
+            "SIGNALLING": (struct.pack("<i", -5000000), 6),
+        },
+    )
+    assert px4.vehicle.read_param("COM_OF_LOSS_T") == 1.0
+    assert px4.vehicle.read_param("COM_FLTMODE1") == -1
+    assert px4.vehicle.read_param("SIGNALLING") == -5000000
+
+
+def test_parameters_of_ardupilot_are_cast(ardupilot):
+    answer_params(ardupilot, {"GUID_TIMEOUT": (struct.pack("<f", 3.0), 9),
+                              "FS_GCS_ENABLE": (struct.pack("<f", 1.0), 2)})  # fmt: skip
+    assert ardupilot.vehicle.read_param("GUID_TIMEOUT") == 3.0
+    value = ardupilot.vehicle.read_param("FS_GCS_ENABLE")
+    assert (value, type(value)) == (1, int)
+
+
+def test_an_unknown_parameter_is_none_in_time(px4):
+    start_s = px4.transport.now_s
+    assert px4.vehicle.read_param("NO_SUCH_THING", timeout_s=2.0) is None
+    assert px4.transport.now_s - start_s == pytest.approx(2.0)
+    assert len(px4.transport.sent_of("PARAM_REQUEST_READ")) == 3
+
+
+def test_no_parameter_is_ever_written(px4):
+    for kind in RequestKind:
+        px4.vehicle.request(kind, altitude_m=10.0)
+        px4.run(5.0)
+    px4.vehicle.read_param("COM_OF_LOSS_T")
+    names = {message.get_type() for message in px4.transport.sent}
+    assert names == {"COMMAND_LONG", "PARAM_REQUEST_READ"}
