@@ -135,8 +135,9 @@ class Obstacles:
         azimuth_rad = np.asarray(azimuth_rad, dtype=np.float64)
         shape = (*position_m.shape[:-1], azimuth_rad.shape[-1])
         flat_m = _flat(position_m)
-        direction = np.stack((np.cos(azimuth_rad), np.sin(azimuth_rad)))
-        direction = np.broadcast_to(direction, (2, *shape)).reshape(2, -1, shape[-1])
+        direction = np.stack(
+            [np.broadcast_to(wave(azimuth_rad), shape) for wave in (np.cos, np.sin)]
+        ).reshape(2, -1, shape[-1])
         distance_m, roof_m = np.empty(direction.shape[1:]), np.empty(direction.shape[1:])
         for part in _parts(len(distance_m), len(self._pieces) * shape[-1]):
             distance_m[part], roof_m[part] = self._pieces.cast(
