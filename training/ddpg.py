@@ -16,6 +16,9 @@ from training.networks import ACTION_SIZE, ActorNetwork, CriticNetwork, polyak_u
 from training.presets import DdpgOptions
 from training.replay_buffer import Batch
 
+_NEARBY_STD = 0.2
+"""Spread of the sampled actions near the actor's own: 2 m of 20, 18 degrees, 36 degrees."""
+
 
 class Losses(NamedTuple):
     """Of one update; tensors without a graph, so that reading them is left to the log."""
@@ -67,9 +70,10 @@ class Ddpg:
 
         # Line 13: ascend Q along the policy. No gradient is computed for the critic's weights.
         pre_activation = self.actor.pre_activation(batch.observation)
-        value = self.critic.first(batch.observation, torch.tanh(pre_activation)).mean()
+        action = torch.tanh(pre_activation)
+        value = self.critic.first(batch.observation, action).mean()
         penalty = self.options.pre_activation_penalty * pre_activation.square().mean()
-        actor_loss = penalty - value
+        actor_loss = penalty - value + self._distance_to_best(batch.observation, action)
         self.actor_optimizer.zero_grad()
         actor_loss.backward(inputs=list(self.actor.parameters()))
         self.actor_optimizer.step()
@@ -88,6 +92,27 @@ class Ddpg:
             return action
         noise = torch.randn(len(action), ACTION_SIZE, generator=self.noise_generator)
         return (action + (std * noise).clamp(-2.0 * std, 2.0 * std)).clamp(-1.0, 1.0)
+
+    def _distance_to_best(self, observation: Tensor, action: Tensor) -> Tensor:
+        """Return the squared distance from the actor's actions to the best of random ones.
+
+        Zero where the actor's own is the best by the critic, and where the options ask for none.
+        """
+        half = self.options.best_of_samples // 2
+        if half == 0:
+            return torch.zeros(())
+        count = int(self.options.best_of_share * len(action))
+        own, seen = action[:count], observation[:count]
+        with torch.no_grad():
+            shape = (half, count, ACTION_SIZE)
+            anywhere = 2.0 * torch.rand(shape, generator=self.noise_generator) - 1.0
+            step = _NEARBY_STD * torch.randn(shape, generator=self.noise_generator)
+            candidates = torch.cat((own[None], anywhere, (own + step).clamp(-1.0, 1.0)))
+            repeated = seen.expand(len(candidates), -1, -1).flatten(0, 1)
+            q = self.critic(repeated, candidates.flatten(0, 1)).amin(dim=0)
+            winner = q.view(len(candidates), count).argmax(dim=0)
+            best = candidates[winner, torch.arange(count)]
+        return (own - best).square().sum(dim=-1).mean()
 
     def state_dict(self) -> dict[str, Any]:
         """Return networks, optimisers and the noise's generator."""

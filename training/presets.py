@@ -36,6 +36,12 @@ class DdpgOptions:
     """Two critics, the smaller value in the target: TD3's clipped double Q."""
     target_noise: float = 0.0
     """Standard deviation of TD3's noise on the target action, clipped at twice itself."""
+    best_of_samples: int = 0
+    """How many random actions compete with the actor's own, half of them anywhere, half near it;
+    the actor is drawn to the one that the critic likes best. The gradient alone stays in the
+    local optimum between left and right around an obstacle, and hovers. 0: the gradient alone."""
+    best_of_share: float = 0.25
+    """Share of the batch on which they compete."""
     average_tau: float = 0.001
     """Weight of the new parameters in the averaged actor, evaluated beside the actor."""
 
@@ -91,9 +97,7 @@ class Preset:
     """Length of the run. The paper's is 4 million."""
     validate_every: int = 1_000
     """Updates between validations."""
-    validation_episodes: int = 500
-    stop_at: float = 1.0
-    """Stop as soon as the completion rate of a validation reaches this; above 1: never."""
+    validation_episodes: int = 1_000
 
     @property
     def layout(self) -> Layout:
@@ -149,19 +153,24 @@ def _checked_beta(beta: float) -> float:
     raise UsageError(f"--beta must be in [0, 1), got {beta:g}")
 
 
-_PAPER_FREE = Preset(name="paper", stage="free", layout_name="paper")
+_PAPER_FREE = Preset(
+    name="paper",
+    stage="free",
+    layout_name="paper",
+    ddpg=DdpgOptions(hidden=(256, 256), pre_activation_penalty=0.003),
+    lr_final=0.01,
+    updates=40_000,
+    validate_every=2_000,
+)
 
 _FLIGHT_FREE = Preset(
     name="flight",
     stage="free",
     layout_name="relative",
-    world=WorldOptions(restart_probability=0.02),
-    ddpg=DdpgOptions(twin_critics=True, target_noise=0.03),
-    replay_capacity=200_000,
-    num_steps=3,
-    epsilon_end=0.02,
-    exploration_noise=0.05,
-    num_worlds=256,
+    ddpg=DdpgOptions(pre_activation_penalty=0.001, twin_critics=True),
+    lr_final=0.05,
+    updates=6_000,
+    validate_every=1_000,
 )
 
 PRESETS: dict[tuple[PresetName, StageName], Preset] = {
@@ -174,9 +183,14 @@ PRESETS: dict[tuple[PresetName, StageName], Preset] = {
         _FLIGHT_FREE,
         stage="obstacles",
         world=WorldOptions(end_on_contact=True, restart_probability=0.02),
+        ddpg=DdpgOptions(twin_critics=True, target_noise=0.03, best_of_samples=16),
+        replay_capacity=200_000,
+        num_steps=3,
         epsilon_start=0.3,
+        epsilon_end=0.02,
+        exploration_noise=0.05,
+        num_worlds=256,
         updates=100_000,
         validate_every=2_500,
-        lr_final=0.1,
     ),
 }

@@ -111,8 +111,7 @@ def run(
             }
             folder.append_log(entry)
             report(trainer, entry)
-        last = trainer.updates >= trainer.preset.updates
-        if _crossed(trainer.preset.validate_every, before, trainer.updates) or last:
+        if _crossed(trainer.preset.validate_every, before, trainer.updates) or trainer.finished:
             results = trainer.validate(now_s)
             entry = {
                 "kind": "validation",

@@ -57,8 +57,8 @@ class Trainer:
 
     @property
     def finished(self) -> bool:
-        """Whether the run is over: all updates made, or good enough on validation."""
-        return self.updates >= self.preset.updates or self.best.score[0] >= self.preset.stop_at
+        """Whether all updates were made."""
+        return self.updates >= self.preset.updates
 
     @property
     def epsilon(self) -> float:

@@ -108,7 +108,7 @@ RELATIVE = Layout(
     fields=(
         Field("position_east", -1.0, 1.0, "vehicle, from the west to the east border"),
         Field("position_north", -1.0, 1.0, "vehicle, from the south to the north border"),
-        Field("position_up", -1.0, 1.0, "vehicle, from the ground to one edge above it"),
+        Field("position_up", -1.0, 1.0, "vehicle, from the ground to one edge up"),
         Field("offset_east", -1.0, 1.0, "target minus vehicle, east / edge"),
         Field("offset_north", -1.0, 1.0, "target minus vehicle, north / edge"),
         Field("offset_up", -1.0, 1.0, "target minus vehicle, up / edge"),
