@@ -13,8 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.arrays import Float32Array, FloatArray
-from companion.policy.action import MIN_BEARING_DISTANCE_M
+from companion.policy.action import MIN_BEARING_DISTANCE_M, bearing_to_target_rad
 from companion.world.maps import Map
+
+NUM_RAYS = 24
+RAYS_RANGE_M = 50.0
+RAYS_UNIT_M = 100.0
+RAYS_SPEED_MPS = 10.0
+_FAN_RAD = np.arange(NUM_RAYS) * (2.0 * np.pi / NUM_RAYS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,12 +85,46 @@ def _fill_relative(out: Float32Array, situation: Situation) -> None:
     safe_horizontal_m = np.where(has_bearing, horizontal_m, 1.0)
     out[..., 7] = np.where(has_bearing, offset_m[..., 1] / safe_horizontal_m, 0.0)
     out[..., 8] = np.where(has_bearing, offset_m[..., 0] / safe_horizontal_m, 1.0)
+    _fill_polar(out[..., 9:11], horizontal_m, offset_m[..., 2], distance_m)
 
+
+def _fill_polar(
+    out: Float32Array, horizontal_m: FloatArray, up_m: FloatArray, distance_m: FloatArray
+) -> None:
     # At the target itself there is no polar angle: horizontal.
     has_polar = distance_m >= MIN_BEARING_DISTANCE_M
     safe_distance_m = np.where(has_polar, distance_m, 1.0)
-    out[..., 9] = np.where(has_polar, horizontal_m / safe_distance_m, 1.0)
-    out[..., 10] = np.where(has_polar, offset_m[..., 2] / safe_distance_m, 0.0)
+    out[..., 0] = np.where(has_polar, horizontal_m / safe_distance_m, 1.0)
+    out[..., 1] = np.where(has_polar, up_m / safe_distance_m, 0.0)
+
+
+def _fill_rays(out: Float32Array, situation: Situation) -> None:
+    offset_m = situation.target_enu_m - situation.position_enu_m
+    position_m = np.broadcast_to(situation.position_enu_m, offset_m.shape)
+    obstacles, height_m = situation.map.obstacles, position_m[..., 2]
+    horizontal_m = np.hypot(offset_m[..., 0], offset_m[..., 1])
+    distance_m = np.hypot(horizontal_m, offset_m[..., 2])
+    out[..., 0] = horizontal_m / RAYS_UNIT_M
+    out[..., 1] = offset_m[..., 2] / RAYS_UNIT_M
+    out[..., 2] = distance_m / RAYS_UNIT_M
+    _fill_polar(out[..., 3:5], horizontal_m, offset_m[..., 2], distance_m)
+    out[..., 5] = height_m / RAYS_UNIT_M
+    out[..., 6] = (situation.map.size_m[2] - height_m) / RAYS_UNIT_M
+    out[..., 7] = (height_m - obstacles.floor_m(position_m)) / RAYS_UNIT_M
+
+    bearing_rad = bearing_to_target_rad(situation.position_enu_m, situation.target_enu_m)
+    cos, sin = np.cos(bearing_rad), np.sin(bearing_rad)
+    east_mps, north_mps, up_mps = np.moveaxis(situation.velocity_enu_mps, -1, 0)
+    out[..., 8] = (east_mps * cos + north_mps * sin) / RAYS_SPEED_MPS
+    out[..., 9] = (north_mps * cos - east_mps * sin) / RAYS_SPEED_MPS
+    out[..., 10] = up_mps / RAYS_SPEED_MPS
+
+    wall_m, roof_m = obstacles.horizontal_rays(
+        position_m, bearing_rad[..., None] + _FAN_RAD, RAYS_RANGE_M
+    )
+    out[..., 11 : 11 + NUM_RAYS] = wall_m / RAYS_RANGE_M
+    left_m = np.where(roof_m > 0.0, roof_m - height_m[..., None], 0.0)
+    out[..., 11 + NUM_RAYS :] = left_m / RAYS_UNIT_M
 
 
 PAPER = Layout(
@@ -122,8 +162,43 @@ RELATIVE = Layout(
 )
 """The same information seen from the vehicle: no wrap of psi between vehicle and target."""
 
+RAYS = Layout(
+    name="rays",
+    version=1,
+    fields=(
+        Field("offset_ahead", 0.0, 1.5, "target, horizontal distance / 100 m"),
+        Field("offset_up", -1.0, 1.0, "target minus vehicle, up / 100 m"),
+        Field("distance", 0.0, 2.0, "vehicle to target / 100 m"),
+        Field("polar_sin", 0.0, 1.0, "sine of the polar angle of the target"),
+        Field("polar_cos", -1.0, 1.0, "cosine of the polar angle of the target"),
+        Field("height", 0.0, 1.0, "vehicle above the ground / 100 m"),
+        Field("headroom", 0.0, 1.0, "vehicle below the ceiling / 100 m"),
+        Field("floor", -1.0, 1.0, "vehicle above roof or ground / 100 m"),
+        Field("velocity_ahead", -1.0, 1.0, "toward the target, horizontal / 10 m/s"),
+        Field("velocity_left", -1.0, 1.0, "left of the target / 10 m/s"),
+        Field("velocity_up", -1.0, 1.0, "up / 10 m/s"),
+        *(
+            Field(
+                f"wall_{ray:02d}", 0.0, 1.0, f"wall {ray * 360 // NUM_RAYS} deg to the left / 50 m"
+            )
+            for ray in range(NUM_RAYS)
+        ),
+        *(
+            Field(f"roof_{ray:02d}", 0.0, 1.0, "its roof above the vehicle / 100 m")
+            for ray in range(NUM_RAYS)
+        ),
+    ),
+    fill=_fill_rays,
+)
+"""What surrounds the vehicle, turned so that the target lies ahead: good for any map.
+
+Rays run horizontally at the vehicle's height, the first toward the target, then to the left
+(counter-clockwise from above). Where a ray is free for 50 m, wall is 1 and roof 0. Lengths have
+a fixed unit, not the map's edge: nothing in it depends on the size of the map.
+"""
+
 LAYOUTS: Mapping[str, Layout] = MappingProxyType(
-    {layout.name: layout for layout in (PAPER, RELATIVE)}
+    {layout.name: layout for layout in (PAPER, RELATIVE, RAYS)}
 )
 
 
