@@ -9,6 +9,8 @@ from companion.link.transport import Peer, Transport
 Tap = Callable[[bool, float, bytes], None]
 """Called with ``(sent, time_s, frame)`` for every complete frame of both directions."""
 
+_LATE_S = 0.1
+"""Packets may have lain in the kernel this long before their age is doubted."""
 _MAX_PEERS = 64
 """Beyond this the peer heard first is forgotten: anybody can send us UDP."""
 
@@ -24,6 +26,9 @@ class Connection:
         self._transport = transport
         self._tap = tap
         self._parsers: dict[Peer, Parser] = {}
+        self._drained_s = now()
+        self.idle = False
+        """Whether the last ``receive`` found nothing, so that there is time to wait."""
 
     @property
     def speaks_first(self) -> bool:
@@ -52,20 +57,33 @@ class Connection:
 
     def wait(self, timeout_s: float) -> None:
         """Block until bytes may be there, at most ``timeout_s``."""
+        start_s = self.now()
         self._transport.wait(timeout_s)
+        end_s = self.now()
+        if self.idle and end_s - start_s <= timeout_s + _LATE_S:
+            self._drained_s = end_s  # what comes next came just now
 
     def receive(self) -> list[tuple[Peer, Received]]:
         """Return the packets that have come, by peer; never blocks.
+
+        They are stamped with the time of reading, unless the caller has been away: then with
+        the time of the last look, because a full buffer keeps the oldest packets and a position
+        of two seconds ago must not pass for a new one.
 
         Raises:
             LinkLostError: If the transport has failed.
         """
         packets: list[tuple[Peer, Received]] = []
-        for peer, data in self._transport.receive():
-            now_s = self.now()
-            for received in self._parser(peer).receive(data, now_s):
+        arrived = self._transport.receive()
+        now_s = self.now()
+        self.idle = not arrived
+        if self.idle:
+            self._drained_s = now_s
+        time_s = now_s if now_s - self._drained_s <= _LATE_S else self._drained_s
+        for peer, data in arrived:
+            for received in self._parser(peer).receive(data, time_s):
                 if self._tap is not None:
-                    self._tap(False, now_s, received.frame)
+                    self._tap(False, time_s, received.frame)
                 packets.append((peer, received))
         return packets
 

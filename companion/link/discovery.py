@@ -76,7 +76,8 @@ def discover(
         end_s = search.decided_s if search.decided_s is not None else deadline_s
         if connection.now() >= end_s:
             break
-        connection.wait(min(end_s, max(next_heartbeat_s, now_s)) - connection.now())
+        if connection.idle:
+            connection.wait(min(end_s, next_heartbeat_s) - connection.now())
     return search.result(connection, url, timeout_s)
 
 

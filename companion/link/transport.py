@@ -25,6 +25,8 @@ _READ_BYTES = 65536
 _READS_AT_ONCE = 64
 """Reads before the clock is looked at again, so that a flood cannot hold the loop."""
 _CONNECT_TIMEOUT_S = 5.0
+_KERNEL_BUFFER_BYTES = 1 << 20
+"""PX4's 400 packets a second fill the default buffer in half a second."""
 
 
 class Transport(Protocol):
@@ -97,6 +99,7 @@ class _Socket(_Waiting):
         super().__init__()
         self._socket = opened
         self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _KERNEL_BUFFER_BYTES)
 
     def fileno(self) -> int:
         return self._socket.fileno()

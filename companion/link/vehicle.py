@@ -176,7 +176,8 @@ class MavlinkVehicle:
             now_s = self.now_s()
             if now_s >= deadline_s:
                 return
-            self._connection.wait(min(deadline_s, next_s) - now_s)
+            if self._connection.idle:
+                self._connection.wait(min(deadline_s, next_s) - now_s)
 
     def state(self) -> VehicleState | None:
         """Return the newest snapshot; ``None`` until heartbeat, position, attitude came."""
@@ -275,8 +276,9 @@ class MavlinkVehicle:
     def _wait_for(self, is_done: Callable[[], bool], timeout_s: float) -> None:
         deadline_s = self.now_s() + timeout_s
         while not is_done() and self.now_s() < deadline_s:
-            self._connection.wait(min(deadline_s, self._step()) - self.now_s())
-        self._step()
+            next_s = self._step()
+            if self._connection.idle:
+                self._connection.wait(min(deadline_s, next_s) - self.now_s())
 
     # -- what comes in ---------------------------------------------------------------------
 

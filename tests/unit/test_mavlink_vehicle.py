@@ -459,6 +459,30 @@ def test_wait_until_takes_in_what_has_come_though_the_deadline_is_past(bench):
     assert vehicle.state() is not None
 
 
+def test_what_lay_about_while_the_caller_was_away_is_not_taken_for_new(bench):
+    vehicle = bench.attach()
+    bench.flying()
+    left_s = bench.transport.now_s
+    bench.position(x=5.0)
+    bench.transport.now_s += 2.0  # away: not waiting on the link
+    vehicle.wait_until(bench.transport.now_s)
+    assert vehicle.state().position_ned_m[0] == 5.0
+    assert vehicle.state().time_s == left_s
+    bench.run(0.05)
+    bench.position(x=6.0)
+    bench.run(0.05)
+    assert bench.transport.now_s - vehicle.state().time_s <= 0.05
+
+
+def test_a_short_absence_is_no_absence(bench):
+    vehicle = bench.attach()
+    bench.flying()
+    bench.position(x=5.0)
+    bench.transport.now_s += 0.09
+    vehicle.wait_until(bench.transport.now_s)
+    assert vehicle.state().time_s == bench.transport.now_s
+
+
 def test_close_sends_nothing(bench):
     vehicle = bench.attach()
     bench.transport.sent.clear()
