@@ -38,7 +38,7 @@ class Channel:
         self._ping_due_s = 0.0
         self._origin_sent = self._home_sent = -1
         self._texts: deque[Any] = deque()
-        self._text_id = 0
+        self._text_id = 1
         self._ping_seq = 0
         self._out: list[bytes] = []
         self.restart(0.0)

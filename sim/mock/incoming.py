@@ -12,6 +12,7 @@ from sim.mock.pilot import Sticks
 from sim.mock.px4 import Px4
 from sim.mock.setpoints import read_setpoint
 from sim.mock.streams import STREAMS
+from sim.mock.wire import MAVLINK2
 
 FTP_NAK, FTP_FAIL = 129, 1
 _DEGREES_E7 = (mavlink.MAV_CMD_DO_REPOSITION, mavlink.MAV_CMD_NAV_TAKEOFF)
@@ -149,7 +150,9 @@ def _param_list(px4: Px4, channel: Channel, message: Any) -> None:
 
 
 def _param_set(px4: Px4, channel: Channel, message: Any) -> None:
-    raw = bytes(message.get_payload())[:4].ljust(4, b"\0")
+    packet = bytes(message.get_msgbuf())
+    header, checksum = (10, 2) if packet[0] == MAVLINK2 else (6, 2)
+    raw = packet[header : min(header + 4, len(packet) - checksum)].ljust(4, b"\0")
     if px4.parameters.store(message.param_id, message.param_type, raw):
         send_parameter(px4, channel, message.param_id)
 

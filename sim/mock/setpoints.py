@@ -90,8 +90,6 @@ def read_setpoint(
         The setpoint, or the text PX4 prints when it drops the message.
     """
     name = "SET_POSITION_TARGET_LOCAL_NED"
-    if type_mask & FORCE:
-        return f"{name} force not supported"
     position_m = masked(position_m, type_mask, 0)
     velocity_mps = masked(velocity_mps, type_mask, 3)
     acceleration_mps2 = masked(acceleration_mps2, type_mask, 6)
@@ -108,6 +106,8 @@ def read_setpoint(
         math.nan if type_mask & YAW_IGNORE else yaw_rad,
         math.nan if type_mask & YAW_RATE_IGNORE else yaw_rate_radps,
     )
+    if type_mask & FORCE and any(map(math.isfinite, acceleration_mps2)):
+        return f"{name} force not supported"
     return setpoint if setpoint.counts_as_stream else f"{name} invalid"
 
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 COMMAND_ACK_ID = 77
-_MAVLINK2 = 0xFD
+MAVLINK2 = 0xFD
 
 
 def message_id(packet: bytes) -> int:
     """Return the message id of one complete MAVLink packet."""
-    return int.from_bytes(packet[7:10], "little") if packet[0] == _MAVLINK2 else packet[5]
+    return int.from_bytes(packet[7:10], "little") if packet[0] == MAVLINK2 else packet[5]
 
 
 @dataclass(slots=True)

@@ -1,0 +1,209 @@
+"""A mock vehicle and its clients in one process, on a virtual clock.
+
+For tests and experiments: minutes of flight in a fraction of a second, over real MAVLink bytes
+but without sockets::
+
+    bench = Bench()
+    bench.run(2.0)                                   # boot
+    assert bench.command(400, 1.0) == 0              # arm: MAV_RESULT_ACCEPTED
+    bench.run(5.0, stream=bench.velocity(0.0, 0.0, -1.0))
+    print(bench.last("LOCAL_POSITION_NED").z)
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from sim.mock.channel import COMPONENT_ID, SYSTEM_ID
+from sim.mock.faults import parse_fault
+from sim.mock.placement import place_vehicle
+from sim.mock.setpoints import MAV_FRAME_LOCAL_NED
+from sim.mock.targets import parse_target
+from sim.mock.vehicle import TICK_S, MockVehicle, Settings
+from sim.mock.wire import message_id
+
+POSITION_ONLY = 0xDF8
+VELOCITY_ONLY = 0xDC7
+ACK_TIMEOUT_S = 0.5
+
+
+@dataclass(slots=True)
+class Received:
+    """A packet as a client got it; decoded when somebody looks at it."""
+
+    time_s: float
+    link: int
+    packet: bytes
+    _message: Any = None
+
+    @property
+    def message(self) -> Any:
+        """Return the decoded message."""
+        if self._message is None:
+            self._message = mavlink.MAVLink(None).decode(bytearray(self.packet))
+        return self._message
+
+    @property
+    def name(self) -> str:
+        """Return the name of the message, without decoding it."""
+        known = mavlink.mavlink_map.get(message_id(self.packet))
+        return "UNKNOWN" if known is None else str(known.msgname)
+
+
+class Bench:
+    """A vehicle with clients on its links.
+
+    Args:
+        settings: The vehicle; by default one at PX4 SITL's home that is ready after 1.5 s.
+        ground_links: One entry per link: whether it has ground-station rates.
+        targets: As for ``--target``.
+        faults: As for ``--fault``.
+        seed: Of everything random.
+        identity: System and component id that the client sends from.
+    """
+
+    def __init__(
+        self,
+        settings: Settings | None = None,
+        *,
+        ground_links: Sequence[bool] = (False,),
+        targets: Sequence[str] = (),
+        faults: Sequence[str] = (),
+        seed: int = 0,
+        identity: tuple[int, int] = (1, 191),
+    ) -> None:
+        settings = settings or Settings(place_vehicle(None, None))
+        rng = np.random.default_rng(seed)
+        others = [parse_target(text, settings.place, rng) for text in targets]
+        sysids = [other.sysid for other in others]
+        links = len(ground_links)
+        self.vehicle = MockVehicle(
+            settings,
+            ground_links=ground_links,
+            rng=rng,
+            targets=others,
+            faults=[parse_fault(text, links=links, targets=sysids) for text in faults],
+        )
+        self.received: list[Received] = []
+        self.identity = identity
+
+    @property
+    def time_s(self) -> float:
+        """The virtual time since power-up."""
+        return self.vehicle.time_s
+
+    def send(self, message: Any, *, link: int = 0, identity: tuple[int, int] | None = None) -> None:
+        """Send one message from the client, or from somebody else."""
+        system, component = identity or self.identity
+        codec: Any = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self.vehicle.receive(link, message.pack(codec))
+        self._collect()
+
+    def run(
+        self,
+        duration_s: float,
+        *,
+        stream: Callable[[], Any] | None = None,
+        rate_hz: float = 20.0,
+        until: Callable[[], bool] | None = None,
+    ) -> bool:
+        """Let time pass.
+
+        Args:
+            duration_s: How much.
+            stream: Builds a message to be sent at ``rate_hz`` meanwhile.
+            rate_hz: Rate of the stream.
+            until: Ends the run early when true.
+
+        Returns:
+            Whether ``until`` became true.
+        """
+        start = self.vehicle.time_s
+        sent = 0
+        for tick in range(1, round(duration_s / TICK_S) + 1):
+            if stream is not None and (tick - 1) * TICK_S * rate_hz >= sent - 1e-9:
+                sent += 1
+                self.send(stream())
+            self.vehicle.advance(start + tick * TICK_S)
+            self._collect()
+            if until is not None and until():
+                return True
+        return False
+
+    def command(self, number: int, *params: float, **kwargs: Any) -> int | None:
+        """Send COMMAND_LONG and return the result of its ACK; ``None`` if none comes."""
+        padded = (*params, *(0.0,) * (7 - len(params)))
+        system = kwargs.pop("system", SYSTEM_ID)
+        component = kwargs.pop("component", COMPONENT_ID)
+        message = mavlink.MAVLink_command_long_message(system, component, number, 0, *padded)
+        return self.ask(message, number, **kwargs)
+
+    def ask(self, message: Any, number: int, **kwargs: Any) -> int | None:
+        """Send any message and return the result of the COMMAND_ACK for ``number``."""
+        before = len(self.received)
+        self.send(message, **kwargs)
+
+        def answers() -> list[Any]:
+            acks = [r for r in self.received[before:] if r.name == "COMMAND_ACK"]
+            return [r.message for r in acks if r.message.command == number]
+
+        self.run(ACK_TIMEOUT_S, until=lambda: bool(answers()))
+        found = answers()
+        return int(found[0].result) if found else None
+
+    def all(self, name: str, *, link: int | None = None, since_s: float = -math.inf) -> list[Any]:
+        """Return the messages of one type, oldest first."""
+        return [
+            r.message
+            for r in self.received
+            if r.name == name and link in (None, r.link) and r.time_s >= since_s
+        ]
+
+    def last(self, name: str, *, link: int | None = None) -> Any:
+        """Return the newest message of one type.
+
+        Raises:
+            LookupError: If there was none.
+        """
+        for received in reversed(self.received):
+            if received.name == name and link in (None, received.link):
+                return received.message
+        raise LookupError(f"no {name} was received")
+
+    def texts(self, *, link: int = 0) -> list[str]:
+        """Return the texts on a link, their chunks joined."""
+        texts: dict[int, str] = {}
+        for message in self.all("STATUSTEXT", link=link):
+            texts[message.id] = texts.get(message.id, "") + message.text
+        return [text.rstrip("\t") for text in texts.values()]
+
+    def velocity(self, north: float, east: float, down: float) -> Callable[[], Any]:
+        """Return a stream of velocity setpoints (LOCAL_NED, mask 0xDC7)."""
+        return self.setpoint(velocity=(north, east, down), type_mask=VELOCITY_ONLY)
+
+    def position(self, north: float, east: float, down: float) -> Callable[[], Any]:
+        """Return a stream of position setpoints (LOCAL_NED, mask 0xDF8)."""
+        return self.setpoint(position=(north, east, down), type_mask=POSITION_ONLY)
+
+    def setpoint(
+        self,
+        *,
+        type_mask: int,
+        position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        frame: int = MAV_FRAME_LOCAL_NED,
+        yaw: float = 0.0,
+        target: tuple[int, int] = (SYSTEM_ID, COMPONENT_ID),
+    ) -> Callable[[], Any]:
+        """Return a stream of any SET_POSITION_TARGET_LOCAL_NED."""
+        return lambda: mavlink.MAVLink_set_position_target_local_ned_message(
+            0, *target, frame, type_mask, *position, *velocity, 0.0, 0.0, 0.0, yaw, 0.0
+        )
+
+    def _collect(self) -> None:
+        time_s = self.vehicle.time_s
+        self.received += [Received(time_s, *item) for item in self.vehicle.take_output()]
