@@ -39,7 +39,7 @@ def mock_vehicle(autopilot: str, map_path: str, target_sysid: int | None) -> Ite
         "--exit-with-parent",
     ]  # fmt: skip
     if target_sysid is not None:
-        command += ["--target", f"sysid={target_sysid},kind=waypoints"]
+        command += ["--target", f"kind=waypoints,sysid={target_sysid},speed=1.5"]
     try:
         process = subprocess.Popen(
             command,

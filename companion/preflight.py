@@ -6,6 +6,7 @@ from companion.arrays import FloatArray
 from companion.guidance.target import TargetEstimate
 from companion.positions import Pose, TargetSource
 from companion.vehicle import VehicleState
+from companion.world.geometry import Obstacles
 from companion.world.maps import Map
 
 _ON_GROUND_M = 0.5
@@ -48,7 +49,8 @@ def refusal(
             "use the map of where it stands"
         )
     if not city.is_free(above_ground):
-        return f"the vehicle is at {words(place)}, inside an obstacle of map {city.name}"
+        where = _obstacle_at(city, above_ground)
+        return f"the vehicle is at {words(place)}, inside {where} of map {city.name}"
     if takeoff_m is not None:
         top = place + np.array([0.0, 0.0, takeoff_m])
         column = np.linspace(above_ground, top, max(2, int(takeoff_m)))
@@ -69,8 +71,18 @@ def target_problem(city: Map, position_enu_m: FloatArray) -> str:
         size = " x ".join(f"{side:g}" for side in city.size_m)
         return f"target {words(position_enu_m)} is outside map {city.name} ({size} m)"
     if not city.is_free(position_enu_m):
-        return f"target {words(position_enu_m)} is inside an obstacle of map {city.name}"
+        where = _obstacle_at(city, position_enu_m)
+        return f"target {words(position_enu_m)} is inside {where} of map {city.name}"
     return ""
+
+
+def _obstacle_at(city: Map, position_enu_m: FloatArray) -> str:
+    for name, footprint_m, height_m in zip(
+        city.obstacle_names, city.footprints_m, city.heights_m, strict=True
+    ):
+        if Obstacles([footprint_m], [float(height_m)]).contains(position_enu_m):
+            return f"obstacle {name}"
+    return "an obstacle"
 
 
 def words(position_enu_m: FloatArray) -> str:

@@ -1,0 +1,306 @@
+"""``companion run`` as people use it: real processes, real sockets, the mock vehicle's own verdict."""
+
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+COMPANION = [sys.executable, "-m", "companion.cli"]
+MOCK = [sys.executable, "-m", "sim.mock", "--autopilot", "px4"]
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Run:
+    """One ``companion run --json`` in a process of its own."""
+
+    def __init__(self, *options, record):
+        self.process = subprocess.Popen(
+            [*COMPANION, "run", "--json", "--record", str(record), *map(str, options)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.log = []
+        self._reader = threading.Thread(target=lambda: self.log.extend(self.process.stderr))
+        self._reader.start()
+
+    def wait_for(self, words, timeout_s=30.0):
+        deadline = time.monotonic() + timeout_s
+        while not any(words in line for line in self.log):
+            assert time.monotonic() < deadline, f"never said {words!r}:\n{''.join(self.log)}"
+            assert self.process.poll() is None, "".join(self.log)
+            time.sleep(0.05)
+
+    def finish(self, timeout_s=90.0):
+        out = self.process.stdout.read()
+        self.process.wait(timeout_s)
+        self._reader.join(5.0)
+        assert "Traceback" not in "".join(self.log)
+        return json.loads(out) if out else None
+
+
+@pytest.fixture
+def run(tmp_path):
+    runs = []
+
+    def start(*options):
+        runs.append(Run(*options, record=tmp_path / "sessions"))
+        return runs[-1]
+
+    yield start
+    for started in runs:
+        if started.process.poll() is None:
+            started.process.kill()
+            started.process.wait()
+        started._reader.join(5.0)
+        started.process.stdout.close()
+        started.process.stderr.close()
+
+
+@pytest.fixture
+def mock(tmp_path):
+    processes = []
+
+    def start(*options):
+        report = tmp_path / f"verdict{len(processes)}.json"
+        process = subprocess.Popen(
+            [*MOCK, "--report", str(report), *map(str, options)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        processes.append(process)
+
+        def verdict():
+            process.terminate()
+            process.wait(10.0)
+            return json.loads(report.read_text())
+
+        return verdict
+
+    yield start
+    for process in processes:
+        if process.poll() is None:
+            process.kill()
+        process.wait()
+
+
+UP = ("--takeoff", 6, "--arm", "--engage")
+
+
+def test_from_the_ground_to_the_target_over_mavlink(run, constant_actor, tmp_path):
+    """One command; the session folder holds what DESIGN 6 and the README promise."""
+    started = run(
+        "--connect", "mock:px4", "--actor", constant_actor((1.0, 0.0, 0.0)),
+        "--map", "env1", "--target", "34,10,6", *UP,
+    )  # fmt: skip
+    summary = started.finish()
+    assert (summary["outcome"], summary["exit_code"], started.process.returncode) == (
+        "arrived",
+        0,
+        0,
+    )
+    assert set(summary) >= {
+        "reason", "session_dir", "duration_s", "distance_flown_m", "final_distance_m",
+        "min_clearance_m", "max_speed_mps", "setpoints_sent", "setpoint_rate_hz",
+        "jitter_p99_ms", "latency_p50_ms", "latency_p99_ms", "late_ticks",
+        "shield_interventions", "takeovers", "link_loss_percent",
+    }  # fmt: skip
+    assert summary["final_distance_m"] < 5.0
+    assert summary["setpoint_rate_hz"] == pytest.approx(20.0, abs=1.0)
+    (folder,) = (tmp_path / "sessions").iterdir()
+    assert json.loads((folder / "summary.json").read_text())["outcome"] == "arrived"
+    assert json.loads((folder / "config.json").read_text())["map"] == "env1"
+    assert (folder / "session.rrd").stat().st_size > 20_000
+
+    log = mavutil.mavlink_connection(str(folder / "flight.tlog"), dialect="ardupilotmega")
+    seen = {}
+    while (message := log.recv_match()) is not None:
+        key = (message.get_srcSystem(), message.get_srcComponent(), message.get_type())
+        seen[key] = seen.get(key, 0) + 1
+    log.close()
+    assert seen[1, 191, "SET_POSITION_TARGET_LOCAL_NED"] == summary["setpoints_sent"]
+    assert seen[1, 191, "HEARTBEAT"] > 5
+    assert seen[1, 1, "LOCAL_POSITION_NED"] > 100
+    assert not any("BAD_DATA" in key[2] for key in seen)
+    assert not any(key[2] == "PARAM_SET" for key in seen)
+
+
+def test_pilot_takes_over_in_mid_flight(run, mock, constant_actor):
+    port = free_port()
+    verdict = mock(
+        "--connect", f"udpout:127.0.0.1:{port}", "--map", "env1", "--radio",
+        "--fault", "t=4,from=offboard,kind=rc_takeover",
+    )  # fmt: skip
+    started = run(
+        "--connect", f"udp:127.0.0.1:{port}", "--actor", constant_actor(),
+        "--map", "env1", "--target", "80,10,6", *UP,
+    )  # fmt: skip
+    summary = started.finish()
+    assert (summary["outcome"], summary["exit_code"]) == ("stood_down", 7)
+    assert summary["takeovers"] == 1
+    assert "POSCTL" in summary["reason"]
+    assert verdict()["contacts"] == []
+
+
+def test_interrupt_gives_the_vehicle_back(run, mock, constant_actor):
+    port = free_port()
+    mock("--connect", f"udpout:127.0.0.1:{port}", "--map", "env1")
+    started = run(
+        "--connect", f"udpin://127.0.0.1:{port}", "--actor", constant_actor((0.0, 0.0, 0.0)),
+        "--map", "env1", "--target", "80,10,6", *UP,
+    )  # fmt: skip
+    started.wait_for("engaged")
+    started.process.send_signal(signal.SIGINT)
+    summary = started.finish()
+    assert (summary["outcome"], summary["exit_code"]) == ("stopped", 130)
+    assert "not confirmed" not in summary["reason"]
+
+
+def test_killed_outright_the_recording_still_opens(run, mock, constant_actor, tmp_path):
+    from rerun.chunk import RrdReader
+
+    port = free_port()
+    mock("--connect", f"udpout:127.0.0.1:{port}", "--map", "env1")
+    started = run(
+        "--connect", f"udp:127.0.0.1:{port}", "--actor", constant_actor((0.0, 0.0, 0.0)),
+        "--map", "env1", "--target", "80,10,6", *UP,
+    )  # fmt: skip
+    started.wait_for("engaged")
+    time.sleep(3.0)
+    started.process.kill()
+    started.finish()
+    (folder,) = (tmp_path / "sessions").iterdir()
+    deadline = time.monotonic() + 20.0
+    while subprocess.run(["pgrep", "-f", str(folder)], stdout=subprocess.DEVNULL).returncode == 0:
+        assert time.monotonic() < deadline, "the recorder process outlives its session"
+        time.sleep(0.1)
+    paths = {chunk.entity_path for chunk in RrdReader(str(folder / "session.rrd")).stream()}
+    assert any(path.startswith("/world") for path in paths)
+    text = subprocess.run(
+        [*COMPANION, "review", str(folder), "--text"], capture_output=True, text=True, check=False
+    )
+    assert text.returncode == 0, text.stderr
+    assert "Traceback" not in text.stderr
+
+
+def heartbeat(system_id, autopilot=dialect.MAV_AUTOPILOT_PX4):
+    mavlink = dialect.MAVLink(None, system_id, 1)
+    return dialect.MAVLink_heartbeat_message(2, autopilot, 0x1D, 0x03040000, 3, 3).pack(mavlink)
+
+
+class Chatter(threading.Thread):
+    """Sends datagrams to a port, ten times a second, until it is stopped."""
+
+    def __init__(self, port, *datagrams):
+        super().__init__(daemon=True)
+        self.port, self.datagrams, self.over = port, datagrams, threading.Event()
+
+    def run(self):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            while not self.over.wait(0.1):
+                for data in self.datagrams:
+                    out.sendto(data, ("127.0.0.1", self.port))
+
+
+@pytest.fixture
+def chatter():
+    started = []
+
+    def start(port, *datagrams):
+        started.append(Chatter(port, *datagrams))
+        started[-1].start()
+
+    yield start
+    for thread in started:
+        thread.over.set()
+        thread.join(5.0)
+
+
+def refused(started):
+    """Return what a refused run said: one line on stderr, JSON with the same code."""
+    summary = started.finish()
+    assert summary["exit_code"] == started.process.returncode
+    complaints = [line for line in started.log if line.startswith("companion: ")]
+    assert len(complaints) == 1, started.log
+    assert summary["session_dir"] is None
+    return started.process.returncode, complaints[0]
+
+
+def test_nobody_on_the_link(run, constant_actor):
+    started = run("--connect", f"udp:127.0.0.1:{free_port()}", "--actor", constant_actor())
+    code, line = refused(started)
+    assert code == 4
+    assert "heard" in line
+
+
+def test_garbage_on_the_link(run, chatter, constant_actor):
+    port = free_port()
+    chatter(port, bytes(range(256)), b"\xfd\xff\x00" * 50)
+    started = run("--connect", f"udp:127.0.0.1:{port}", "--actor", constant_actor())
+    code, line = refused(started)
+    assert code == 4
+    assert re.search(r"MAVLink", line)
+
+
+def test_two_autopilots_need_a_choice(run, chatter, constant_actor):
+    port = free_port()
+    chatter(port, heartbeat(1), heartbeat(7))
+    started = run("--connect", f"udp:127.0.0.1:{port}", "--actor", constant_actor())
+    code, line = refused(started)
+    assert code == 5
+    assert "--vehicle-sysid" in line
+    assert "1" in line
+    assert "7" in line
+
+
+def test_port_in_use(run, constant_actor):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        started = run(
+            "--connect", f"udp:127.0.0.1:{taken.getsockname()[1]}", "--actor", constant_actor()
+        )
+        assert refused(started)[0] == 3
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "says"),
+    [
+        (["--connect", "carrier-pigeon:1"], 2, "udp:"),
+        (["--connect", "mock:px4", "--map", "atlantis"], 5, "atlantis"),
+        (["--connect", "mock:px4", "--actor", "nobody"], 5, "nobody"),
+        (["--connect", "mock:px4", "--map", "env1", "--target", "50,48,20"], 5, "obs2"),
+        (["--connect", "mock:px4", "--map", "env1", "--target", "50,480,20"], 5, "outside"),
+        (["--connect", "mock:px4", "--target", "50,48"], 2, "--target"),
+        (["--connect", "mock:px4", "--v-max", "90"], 2, "--v-max"),
+    ],
+)
+def test_bad_options_are_refused_before_anything_is_opened(
+    run, constant_actor, options, code, says
+):
+    if "--actor" not in options:
+        options = [*options, "--actor", constant_actor()]
+    got, line = refused(run(*options))
+    assert got == code
+    assert says in line
+
+
+def test_truncated_and_foreign_actor_files(run, tmp_path, constant_actor):
+    whole = constant_actor().read_bytes()
+    for name, data in {"cut.onnx": whole[: len(whole) // 2], "not.onnx": b"MZ" * 500}.items():
+        (tmp_path / name).write_bytes(data)
+        code, line = refused(run("--connect", "mock:px4", "--actor", tmp_path / name))
+        assert code == 5
+        assert name in line
