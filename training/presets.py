@@ -14,7 +14,7 @@ from companion.policy.observation import LAYOUTS, Layout
 
 PresetName = Literal["paper", "flight"]
 StageName = Literal["free", "obstacles"]
-LayoutName = Literal["paper", "relative"]
+LayoutName = Literal["paper", "relative", "rays"]
 
 
 @dataclass(frozen=True, slots=True)

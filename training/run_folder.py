@@ -88,8 +88,7 @@ class RunFolder:
         except FileNotFoundError as error:
             raise UsageError(f"{self.folder} has no checkpoint") from error
         except (RuntimeError, EOFError, pickle.UnpicklingError) as error:
-            reason = str(error).splitlines()[0]
-            raise UsageError(f"cannot read {self.checkpoint_path}: {reason}") from error
+            raise UsageError(f"cannot read {self.checkpoint_path}: not a checkpoint") from error
         restored: dict[str, Any] = _tensors_to_arrays(state)
         return restored
 

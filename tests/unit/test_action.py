@@ -163,7 +163,7 @@ def test_bearing_to_target(offset_m, bearing_rad):
     ],
 )
 def test_scalings_that_make_no_sense_are_refused(wrong):
-    with pytest.raises(ValueError, match="need|range|finite"):
+    with pytest.raises(ValueError, match=r"need|range|finite"):
         ActionScaling(**wrong)
 
 

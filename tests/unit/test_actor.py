@@ -228,7 +228,7 @@ def test_a_speed_above_training_is_refused(tmp_path):
     path = make_file(tmp_path / "a.onnx", metadata=make_contract(dynamics=dynamics))
     actor = Actor.load(path)
     actor.check_fits(FREE, 8.0)
-    with pytest.raises(ActorError, match="trained for up to 8 m/s, asked for 8.1 m/s"):
+    with pytest.raises(ActorError, match=r"trained for up to 8 m/s, asked for 8\.1 m/s"):
         actor.check_fits(FREE, 8.1)
 
 

@@ -74,9 +74,7 @@ def test_batches_equal_rows_and_stay_in_bounds(layout, position, target):
     low, high = layout.bounds()
     assert ((low <= batch) & (batch <= high)).all()
     for index in range(4):
-        np.testing.assert_array_equal(
-            observe(layout, position[index], target[index]), batch[index]
-        )
+        np.testing.assert_array_equal(observe(layout, position[index], target[index]), batch[index])
 
 
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS.keys())

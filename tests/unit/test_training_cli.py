@@ -1,0 +1,144 @@
+"""The training command: what it refuses, what it prints, how it exits."""
+
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from training import cli
+
+EVALUATION_KEYS = {
+    "episodes",
+    "completion_rate",
+    "completion_rate_ci95",
+    "completion_5m",
+    "completion_2m",
+    "completion_1m",
+    "collision_rate",
+    "timeout_rate",
+    "spl",
+    "path_stretch",
+    "min_clearance_m",
+    "shield_interventions",
+    "seconds",
+    "straight_completion_rate",
+}
+
+
+def failure(capsys, *arguments):
+    code = cli.main(arguments)
+    captured = capsys.readouterr()
+    assert captured.err.startswith("training: ")
+    assert captured.err.count("\n") == 1
+    return code, captured.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["train", "--beta", "4"], "it is the ratio beta / (1 - beta), so ask for --beta 0.8"),
+        (["train", "--beta", "1"], "--beta must be in [0, 1)"),
+        (["train", "--updates", "0"], "--updates must be at least 1"),
+        (["evaluate", "--actor", "x.onnx"], "needs --map"),
+        (["evaluate", "--actor", "x.onnx", "--map", "free", "--episodes", "0"], "--episodes"),
+    ],
+)
+def test_options_that_make_no_sense(capsys, tmp_path, monkeypatch, arguments, reason):
+    monkeypatch.chdir(tmp_path)
+    code, message = failure(capsys, *arguments)
+    assert code == 2
+    assert reason in message
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_actor_that_is_not_there(capsys):
+    code, message = failure(capsys, "evaluate", "--actor", "none.onnx", "--map", "free")
+    assert code == 5
+    assert "none.onnx" in message
+
+
+def test_a_map_that_is_not_there(capsys, tmp_path):
+    code, message = failure(capsys, "train", "--map", "nowhere", "--out", str(tmp_path / "run"))
+    assert code == 5
+    assert "nowhere" in message
+
+
+def test_without_the_extra_it_says_what_to_install(capsys, monkeypatch):
+    find_spec = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "torch" else find_spec(name)
+    )
+    code, message = failure(capsys, "train")
+    assert code == 2
+    assert message == 'training: torch not installed: pip install "mavlink-companion[training]"\n'
+
+
+def test_the_command_starts_without_torch():
+    """Parsing options and refusing politely must not need the extra."""
+    script = (
+        "import sys; sys.modules['torch'] = None\n"
+        "import training.cli\n"
+        "assert not any(name.split('.')[0] == 'onnx' for name in sys.modules)\n"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
+
+
+def test_train_export_and_evaluate(capsys, tmp_path):
+    run = tmp_path / "run"
+    assert cli.main(["train", "--updates", "20", "--out", str(run), "--seed", "1"]) == 0
+    assert "held-out cases" in capsys.readouterr().out
+    assert json.loads((run / "run.json").read_text())["seed"] == 1
+
+    out = tmp_path / "mine.onnx"
+    assert cli.main(["export", "--run", str(run), "--out", str(out)]) == 0
+    assert out.is_file()
+    capsys.readouterr()
+
+    arguments = ["evaluate", "--actor", str(out), "--map", "env1", "--episodes", "50", "--json"]
+    assert cli.main(arguments) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result.keys() >= EVALUATION_KEYS
+    assert result["episodes"] == 50
+    assert result["min_clearance_m"].keys() == {"p1", "p5", "p25", "p50"}
+    assert result["command"].startswith("training evaluate --actor ")
+
+    assert cli.main([*arguments[:-1], "--moving"]) == 0
+    assert "flying straight" in capsys.readouterr().out
+
+
+def test_a_run_in_the_way_is_not_overwritten(capsys, tmp_path):
+    arguments = ["train", "--updates", "20", "--out", str(tmp_path / "run")]
+    assert cli.main(arguments) == 0
+    capsys.readouterr()
+    code, message = failure(capsys, *arguments)
+    assert code == 2
+    assert "--resume" in message
+
+
+def test_ctrl_c_leaves_a_checkpoint_to_resume(tmp_path):
+    run = tmp_path / "run"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "training.cli", "train", "--updates", "1000000", "--out", str(run)],
+        cwd=Path(cli.__file__).parents[1],
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    log = run / "log.jsonl"
+    try:
+        deadline_s = time.monotonic() + 90  # noqa: TID251
+        while not log.exists() and time.monotonic() < deadline_s:  # noqa: TID251
+            time.sleep(0.05)  # noqa: TID251
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert "go on with --resume" in out
+    assert (run / "checkpoint.pt").is_file()

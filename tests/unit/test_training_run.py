@@ -1,0 +1,262 @@
+"""Runs: resumed to the same bits, transferred, cut short, exported; all on tiny presets."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from companion.errors import UsageError
+from companion.policy.actor import Actor
+from companion.world.maps import build_map, load_map
+from training import train
+from training.export import export_actor, largest_difference
+from training.networks import ActorNetwork
+from training.presets import PRESETS
+from training.run_folder import RunFolder, RunRecord
+from training.train import contract_of, export_run, resume_run, start_run
+from training.trainer import Trainer, act
+
+
+def tiny(name, stage, updates=24):
+    """A preset of the real kind that runs in a fraction of a second."""
+    preset = PRESETS[name, stage]
+    return dataclasses.replace(
+        preset,
+        ddpg=dataclasses.replace(preset.ddpg, hidden=(16, 16)),
+        batch_size=32,
+        replay_capacity=300,
+        num_worlds=16,
+        warmup_steps=3,
+        validate_every=8,
+        validation_episodes=16,
+        updates=updates,
+    )
+
+
+@pytest.fixture(autouse=True)
+def tiny_presets(monkeypatch):
+    for key in PRESETS:
+        monkeypatch.setitem(PRESETS, key, tiny(*key))
+    monkeypatch.setattr(train, "LOG_EVERY", 4)
+    monkeypatch.setattr(train, "TEST_EPISODES", 20)
+
+
+def make_record(**changes):
+    record = RunRecord(
+        preset="flight",
+        stage="free",
+        layout="relative",
+        map="free",
+        map_hash=load_map("free").content_hash,
+        seed=3,
+        updates=24,
+        beta=0.8,
+        init=None,
+        git_revision="unknown",
+        command="training train",
+    )
+    return RunRecord(**{**{f: getattr(record, f) for f in record.__struct_fields__}, **changes})
+
+
+def run_to_the_end(trainer, folder, stop_after=None):
+    """Run with a clock that stands still; stop after so many questions."""
+    asked = 0
+
+    def stop():
+        nonlocal asked
+        asked += 1
+        return stop_after is not None and asked > stop_after
+
+    return train.run(trainer, folder, lambda *_: None, now_s=lambda: 0.0, stop=stop)
+
+
+def networks_of(trainer):
+    state = trainer.learner.state_dict()
+    return {
+        f"{network}.{name}": value
+        for network in ("actor", "critic", "actor_target", "critic_target", "actor_average")
+        for name, value in state[network].items()
+    }
+
+
+def assert_same(first, second):
+    ours, theirs = networks_of(first), networks_of(second)
+    assert ours.keys() == theirs.keys()
+    assert all(torch.equal(ours[name], theirs[name]) for name in ours)
+    assert first.updates == second.updates
+    assert first.best.score == second.best.score
+    assert first.best.source == second.best.source
+
+
+def logged(folder):
+    """The log without the rates, which count from the start of each process."""
+    entries = [json.loads(line) for line in folder.log_path.read_text().splitlines()]
+    return [{k: v for k, v in entry.items() if not k.endswith("_per_s")} for entry in entries]
+
+
+@pytest.mark.parametrize(
+    ("preset", "stage", "map_name", "layout"),
+    [
+        ("paper", "free", "free", "paper"),
+        ("flight", "free", "free", "relative"),
+        ("flight", "obstacles", "env1", "relative"),
+    ],
+)
+def test_a_resumed_run_ends_bit_for_bit_where_an_unbroken_one_does(
+    tmp_path, preset, stage, map_name, layout
+):
+    record = make_record(
+        preset=preset,
+        stage=stage,
+        map=map_name,
+        map_hash=load_map(map_name).content_hash,
+        layout=layout,
+    )
+    whole_folder, cut_folder = RunFolder(tmp_path / "whole"), RunFolder(tmp_path / "cut")
+    whole = start_run(record, whole_folder)
+    assert run_to_the_end(whole, whole_folder)
+
+    assert not run_to_the_end(start_run(record, cut_folder), cut_folder, stop_after=6)
+    resumed = resume_run(cut_folder)
+    assert 0 < resumed.updates < 24
+    assert run_to_the_end(resumed, cut_folder)
+    assert_same(whole, resumed)
+    assert logged(whole_folder) == logged(cut_folder)
+
+
+def test_a_run_that_died_between_checkpoints_repeats_what_was_lost(tmp_path):
+    folder = RunFolder(tmp_path / "run")
+    trainer = start_run(make_record(), folder)
+    run_to_the_end(trainer, folder, stop_after=6)
+    logged = folder.log_path.read_bytes()
+    folder.append_log({"kind": "training", "updates": 999})
+    resume_run(folder)
+    assert folder.log_path.read_bytes() == logged
+
+
+def test_the_log_has_what_it_promises(tmp_path):
+    folder = RunFolder(tmp_path / "run")
+    run_to_the_end(start_run(make_record(), folder), folder)
+    entries = [json.loads(line) for line in folder.log_path.read_text().splitlines()]
+    kinds = {entry["kind"] for entry in entries}
+    assert kinds == {"training", "validation"}
+    training = [entry for entry in entries if entry["kind"] == "training"][-1]
+    assert training["updates"] == 24
+    assert len(training["saturated"]) == 3
+    for key in ("return", "reached", "critic_loss", "q", "epsilon", "updates_per_s", "steps_per_s"):
+        assert key in training
+    validation = [entry for entry in entries if entry["kind"] == "validation"]
+    assert [entry["updates"] for entry in validation] == [8, 16, 24]
+    assert {"actor", "actor_average"} <= validation[0].keys()
+
+
+def test_another_seed_is_another_run(tmp_path):
+    trainers = [Trainer(tiny("flight", "free"), load_map("free"), seed) for seed in (1, 2)]
+    for trainer in trainers:
+        for _ in range(5):
+            trainer.advance()
+    first, second = (networks_of(trainer) for trainer in trainers)
+    assert not all(torch.equal(first[name], second[name]) for name in first)
+
+
+def test_transfer_starts_from_the_networks_of_the_free_run(tmp_path):
+    source = RunFolder(tmp_path / "free")
+    free = start_run(make_record(), source)
+    run_to_the_end(free, source)
+    env1 = make_record(
+        stage="obstacles",
+        map="env1",
+        map_hash=load_map("env1").content_hash,
+        init=str(source.folder),
+    )
+    carried = start_run(env1, RunFolder(tmp_path / "env1"))
+    ours, theirs = networks_of(carried), networks_of(free)
+    assert all(torch.equal(ours[name], theirs[name]) for name in ours)
+    assert (carried.updates, carried.buffer.size) == (0, 0)
+    assert carried.epsilon == carried.preset.epsilon_start
+    assert not carried.learner.actor_optimizer.state_dict()["state"]
+
+
+def test_transfer_between_layouts_is_refused(tmp_path):
+    source = RunFolder(tmp_path / "free")
+    run_to_the_end(start_run(make_record(), source), source)
+    other = make_record(layout="paper", init=str(source.folder))
+    with pytest.raises(UsageError, match="was trained on layout relative, this run uses paper"):
+        start_run(other, RunFolder(tmp_path / "other"))
+
+
+def test_a_folder_in_use_is_refused(tmp_path):
+    folder = RunFolder(tmp_path / "run")
+    run_to_the_end(start_run(make_record(), folder), folder, stop_after=1)
+    with pytest.raises(UsageError, match="holds a run already"):
+        start_run(make_record(), folder)
+
+
+def test_resuming_nothing_is_refused(tmp_path):
+    with pytest.raises(UsageError, match="no training run"):
+        resume_run(RunFolder(tmp_path / "nothing"))
+
+
+def test_resuming_on_a_map_that_changed_is_refused(tmp_path):
+    folder = RunFolder(tmp_path / "run")
+    run_to_the_end(start_run(make_record(), folder), folder, stop_after=1)
+    folder.write_record(make_record(map_hash="0" * 64))
+    with pytest.raises(UsageError, match="has changed"):
+        resume_run(folder)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a checkpoint", b"\x80\x02}q\x00."])
+def test_a_broken_checkpoint_is_refused(tmp_path, content):
+    folder = RunFolder(tmp_path / "run")
+    run_to_the_end(start_run(make_record(), folder), folder, stop_after=1)
+    folder.checkpoint_path.write_bytes(content)
+    with pytest.raises(UsageError, match="cannot read"):
+        resume_run(folder)
+
+
+def test_the_export_flies_what_did_best_on_validation(tmp_path):
+    folder = RunFolder(tmp_path / "run")
+    trainer = start_run(make_record(), folder)
+    run_to_the_end(trainer, folder)
+    actor = export_run(folder, tmp_path / "out" / "best.onnx", now_s=lambda: 0.0)
+    trainer.learner.actor.load_state_dict(trainer.best.network)
+    observation = np.zeros((4, 11), dtype=np.float32)
+    np.testing.assert_allclose(
+        actor.act(observation), act(trainer.learner.actor, observation), atol=1e-6
+    )
+    record = actor.contract.evaluation[0]
+    assert (record.map_name, record.episodes) == ("free", 20)
+    assert list((tmp_path / "out").iterdir()) == [tmp_path / "out" / "best.onnx"]
+
+
+def test_a_run_without_validation_has_nothing_to_export(tmp_path):
+    folder = RunFolder(tmp_path / "run")
+    run_to_the_end(start_run(make_record(), folder), folder, stop_after=1)
+    with pytest.raises(UsageError, match="no actor was validated yet"):
+        export_run(folder, tmp_path / "best.onnx", now_s=lambda: 0.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_torch_and_onnx_agree(tmp_path, seed):
+    trainer = Trainer(tiny("flight", "free"), load_map("free"), seed)
+    network = ActorNetwork(11, (64, 32), torch.Generator().manual_seed(seed))
+    with torch.no_grad():
+        network.head.weight.mul_(300.0)  # far into tanh, where differences would show
+    contract = contract_of(make_record(), trainer, ())
+    actor = export_actor(network, contract, tmp_path / "a.onnx")
+    assert largest_difference(network, actor) <= 1e-5
+    assert Actor.load(tmp_path / "a.onnx").contract == contract
+
+
+def test_an_obstacle_run_is_bound_to_its_map_and_a_free_run_is_not():
+    city = build_map("block", [80, 80, 50], [[[10, 10], [20, 10], [20, 20]]], [30.0])
+    bound = contract_of(
+        make_record(stage="obstacles"), Trainer(tiny("flight", "obstacles"), city, 0), ()
+    )
+    assert bound.map.content_hash == city.content_hash
+    assert (bound.dynamics.edge_low_m, bound.dynamics.edge_high_m) == (80.0, 80.0)
+    free = contract_of(make_record(), Trainer(tiny("flight", "free"), load_map("free"), 0), ())
+    assert free.map is None
+    assert not free.avoids_obstacles
