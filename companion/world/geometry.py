@@ -18,7 +18,7 @@ from companion.arrays import BoolArray, FloatArray, IntArray
 from companion.world.pieces import ConvexPieces
 
 _CHUNK = 2**15
-"""Numbers in a work array: 256 KiB, so that a handful of them stay in the cache."""
+"""Numbers in a work array: with 256 KiB each, the few in use stay in the cache."""
 
 
 class Obstacles:
@@ -39,7 +39,8 @@ class Obstacles:
         for number, footprint in enumerate(footprints_m):
             corner_m[:, number] = footprint[0]
             corner_m[: len(footprint), number] = footprint
-        edge_m = np.roll(corner_m, -1, axis=0) - corner_m
+        self._next_corner = np.roll(np.arange(num_corners), -1)
+        edge_m = corner_m[self._next_corner] - corner_m
         self._corner_m = np.moveaxis(corner_m, -1, 0)[..., None]  # (2, V, O, 1)
         self._edge_m = np.moveaxis(edge_m, -1, 0)[..., None]  # (2, V, O, 1)
         square_m2 = self._edge_m[0] ** 2 + self._edge_m[1] ** 2
@@ -82,7 +83,7 @@ class Obstacles:
         signed_m = np.full(flat_m.shape[1], np.inf)
         if len(self) > 0:
             for part in _parts(len(signed_m), self._inverse_square.size):
-                signed_m[part] = self._signed_distances(flat_m[:, part]).min(axis=0)
+                signed_m[part] = self._signed_distance(flat_m[:, part])
         return signed_m.reshape(position_m.shape[:-1])
 
     def nearest_surface(self, position_enu_m: FloatArray) -> FloatArray:
@@ -158,26 +159,24 @@ class Obstacles:
 
         # Within, a line from the point toward east crosses the outline an odd number of times.
         north: BoolArray = from_y_m >= 0.0
-        crosses = north != np.roll(north, -1, axis=0)
+        crosses = north != north.take(self._next_corner, axis=0)
         crosses &= (edge_x_m * from_y_m > edge_y_m * from_x_m) == (edge_y_m > 0.0)
         within = np.logical_xor.reduce(crosses, axis=0)
         beside_m: FloatArray = np.where(within, -wall_m, wall_m)
         return beside_m
 
-    def _signed_distances(self, position_m: FloatArray) -> FloatArray:
-        """Return the signed distance of ``(3, N)`` points to every prism, ``(O, N)``."""
-        beside_m = self._beside_m(position_m)
+    def _signed_distance(self, position_m: FloatArray) -> FloatArray:
+        """Return the least signed distance of ``(3, N)`` points, ``(N,)``."""
         above_m = position_m[2] - self._heights_m
-        outside_m = np.hypot(np.maximum(beside_m, 0.0), np.maximum(above_m, 0.0))
-        signed_m: FloatArray = outside_m + np.minimum(np.maximum(beside_m, above_m), 0.0)
-        return signed_m
+        least_m: FloatArray = _signed(self._beside_m(position_m), above_m).min(axis=0)
+        return least_m
 
     def _nearest(self, position_m: FloatArray) -> FloatArray:
         """Return the nearest surface points of ``(3, N)`` points, ``(3, N)``."""
-        nearest: IntArray = self._signed_distances(position_m).argmin(axis=0)
+        beside_m, above_m = self._beside_m(position_m), position_m[2] - self._heights_m
+        nearest: IntArray = _signed(beside_m, above_m).argmin(axis=0)
         points = np.arange(len(nearest))
-        above_m = position_m[2] - self._heights_m[nearest, 0]
-        beside_m = self._beside_m(position_m)[nearest, points]
+        beside_m, above_m = beside_m[nearest, points], above_m[nearest, points]
         from_m = position_m[:2, None] - self._corner_m[:, :, nearest, 0]
         edge_m = self._edge_m[:, :, nearest, 0]
         along = (from_m * edge_m).sum(axis=0) * self._inverse_square[:, nearest, 0]
@@ -192,6 +191,14 @@ class Obstacles:
         nearest_m[:2] += np.where(to_wall, to_wall_m[:, closest, points], 0.0)
         nearest_m[2] -= np.where(to_roof, above_m, 0.0)
         return nearest_m
+
+
+def _signed(beside_m: FloatArray, above_m: FloatArray) -> FloatArray:
+    """Return the signed distance to a prism from those to its outline and to its roof."""
+    out_beside_m, out_above_m = np.maximum(beside_m, 0.0), np.maximum(above_m, 0.0)
+    signed_m: FloatArray = np.sqrt(out_beside_m * out_beside_m + out_above_m * out_above_m)
+    signed_m += np.minimum(np.maximum(beside_m, above_m), 0.0)
+    return signed_m
 
 
 def _rows(position_enu_m: FloatArray) -> FloatArray:

@@ -75,10 +75,12 @@ class ConvexPieces:
         piece, segment = self._near(np.minimum(start_m, end_m), np.maximum(start_m, end_m))
         if len(piece) == 0:
             return np.zeros(start_m.shape[1])
-        from_m, to_m = start_m[:, segment], end_m[:, segment]
-        enter, leave = _clip(self._outside_m(piece, from_m), self._outside_m(piece, to_m))
-        inside = leave > enter
-        return _union(segment[inside], enter[inside], leave[inside], start_m.shape[1])
+        before, after = _clip(
+            self._outside_m(piece, start_m[:, segment]), self._outside_m(piece, end_m[:, segment])
+        )
+        leave = 1.0 - after
+        inside = leave > before
+        return _union(segment[inside], before[inside], leave[inside], start_m.shape[1])
 
     def highest_roof(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
         """Return the highest roof at points of the ground, 0 where there is none, ``(N,)``."""
@@ -105,19 +107,23 @@ class ConvexPieces:
             shape ``(N, R)``.
         """
         num_points, num_rays = direction.shape[1:]
-        distance_m = np.full(num_points * num_rays, float(range_m))
+        distance_m = np.full(num_points * num_rays, range_m, dtype=np.float64)
         roof_m = np.zeros(num_points * num_rays)
         reach_m = np.array([[range_m], [range_m], [0.0]])
         piece, point = self._near(position_m - reach_m, position_m + reach_m)
-        pair, ray = np.nonzero(self._in_sight(piece, position_m[:, point], direction[:, point]))
-        piece, point = piece[pair], point[pair]
-        ray += point * num_rays
-        start_m = position_m[:, point]
-        along = direction.reshape(2, -1)[:, ray] * range_m
-        end_m = np.concatenate((start_m[:2] + along, start_m[2:]))
-        enter, leave = _clip(self._outside_m(piece, start_m), self._outside_m(piece, end_m))
-        hit = leave >= enter
-        piece, ray, hit_m = piece[hit], ray[hit], enter[hit] * range_m
+        from_m = position_m[:, point]
+        seen = np.flatnonzero(self._in_sight(piece, from_m, direction.take(point, axis=1)))
+        pair, ray = np.divmod(seen, num_rays)
+        ray += point[pair] * num_rays
+        start_outside = self._outside_m(piece, from_m).take(pair, axis=1)
+        piece = piece[pair]
+        along_x_m, along_y_m = direction.reshape(2, -1).take(ray, axis=1) * range_m
+        end_outside = start_outside.copy()
+        end_outside[:-1] += self.normal_x.take(piece, axis=1) * along_x_m
+        end_outside[:-1] += self.normal_y.take(piece, axis=1) * along_y_m
+        before, after = _clip(start_outside, end_outside)
+        hit = before + after <= 1.0
+        piece, ray, hit_m = piece[hit], ray[hit], before[hit] * range_m
         np.minimum.at(distance_m, ray, hit_m)
         first = hit_m == distance_m[ray]
         np.maximum.at(roof_m, ray[first], self.roof_m[piece[first]])
@@ -137,19 +143,23 @@ class ConvexPieces:
         """Return how far points ``(3, P)`` lie outside every half-space, ``(E + 1, P)``."""
         outside_m = np.empty((len(self.offset_m) + 1, len(piece)))
         walls_m = outside_m[:-1]
-        np.multiply(self.normal_x[:, piece], point_m[0], out=walls_m)
-        walls_m += self.normal_y[:, piece] * point_m[1]
-        walls_m -= self.offset_m[:, piece]
+        np.multiply(self.normal_x.take(piece, axis=1), point_m[0], out=walls_m)
+        walls_m += self.normal_y.take(piece, axis=1) * point_m[1]
+        walls_m -= self.offset_m.take(piece, axis=1)
         np.subtract(point_m[2], self.roof_m[piece], out=outside_m[-1])
         return outside_m
 
     def _in_sight(self, piece: IntArray, from_m: FloatArray, direction: FloatArray) -> BoolArray:
         """Return which rays ``(2, P, R)`` meet the circle around their piece, ``(P, R)``."""
-        radius_m = self.radius_m[piece, None]
-        x_m, y_m = (self.center_m[:, piece] - from_m[:2])[..., None]
-        beside_m = np.abs(x_m * direction[1] - y_m * direction[0])
-        ahead_m = x_m * direction[0] + y_m * direction[1]
-        seen: BoolArray = (beside_m <= radius_m) & (ahead_m >= -radius_m)
+        to_center_m = self.center_m[:, piece] - from_m[:2]
+        # A tangent's length: a ray that meets the circle gets farther than that toward its center.
+        # From within the circle all do.
+        tangent_m2 = np.square(to_center_m).sum(axis=0) - np.square(self.radius_m[piece])
+        least_m = np.sqrt(np.maximum(tangent_m2, 0.0))
+        least_m[tangent_m2 <= 0.0] = -np.inf
+        toward_m = to_center_m[0, :, None] * direction[0]
+        toward_m += to_center_m[1, :, None] * direction[1]
+        seen: BoolArray = toward_m >= least_m[:, None]
         return seen
 
 
@@ -176,18 +186,17 @@ def _clip(start_outside: FloatArray, end_outside: FloatArray) -> tuple[FloatArra
         end_outside: The same for the ends.
 
     Returns:
-        Fractions of the segments at which they enter and leave, ``(P,)``; entering after leaving
-        means outside.
+        Fractions of the segments before they enter and after they leave, ``(P,)``. A sum above 1
+        means that they never enter.
     """
     approach = start_outside - end_outside
-    # Parallel to a wall, the quotient is +inf outside, -inf inside and nan on it; fmax and fmin
-    # read these as never in, no limit, and no limit: the set is closed.
+    # Along or away from a wall, dividing by zero gives +inf outside: never in; -inf inside: no
+    # limit; nan on the wall, which fmax skips: no limit either, the set is closed.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        fraction = start_outside / approach
-    entering = approach >= 0.0
-    enter = np.fmax.reduce(np.where(entering, fraction, 0.0), axis=0, initial=0.0)
-    leave = np.fmin.reduce(np.where(entering, 1.0, fraction), axis=0, initial=1.0)
-    return enter, leave
+        before = np.fmax.reduce(start_outside / np.maximum(approach, 0.0), axis=0, initial=0.0)
+        np.negative(approach, out=approach)
+        after = np.fmax.reduce(end_outside / np.maximum(approach, 0.0), axis=0, initial=0.0)
+    return before, after
 
 
 def _union(segment: IntArray, enter: FloatArray, leave: FloatArray, count: int) -> FloatArray:
