@@ -1,0 +1,287 @@
+"""Where the mock stands, what its targets do and what its referee sees."""
+
+import math
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.errors import MapError, UsageError
+from companion.world.frames import GeoPoint, geodetic_to_enu
+from companion.world.maps import load_map
+from sim.mock.bench import Bench
+from sim.mock.dynamics import Response
+from sim.mock.geodesy import Projection
+from sim.mock.placement import PX4_SITL_HOME, place_vehicle
+from sim.mock.targets import parse_target
+from sim.mock.vehicle import Settings
+
+LAUNCHED = """\
+name: yard
+size_m: [60, 60, 40]
+launch_m: [10, 10, 0]
+obstacles:
+  - {name: wall, footprint_m: [[25, 0], [27, 0], [27, 60], [25, 60]], height_m: 20}
+"""
+PLACED = """\
+name: block
+size_m: [100, 100, 60]
+origin: {latitude_deg: 47.3974, longitude_deg: 8.5452, altitude_m: 480.0}
+obstacles:
+  - {name: house, footprint_m: [[60, 60], [80, 60], [80, 80], [60, 80]], height_m: 20}
+"""
+
+
+@pytest.fixture
+def yard(tmp_path):
+    (tmp_path / "yard.yaml").write_text(LAUNCHED)
+    return load_map(tmp_path / "yard.yaml")
+
+
+@pytest.fixture
+def block(tmp_path):
+    (tmp_path / "block.yaml").write_text(PLACED)
+    return load_map(tmp_path / "block.yaml")
+
+
+def airborne(settings, down=-5.0, **options):
+    bench = Bench(settings, **options)
+    bench.run(2.0)
+    up = bench.position(0.0, 0.0, down)
+    bench.run(0.3, stream=up)
+    bench.command(176, 1.0, 6.0)
+    bench.command(400, 1.0)
+    bench.run(12.0, stream=up)
+    return bench
+
+
+# -- placement -----------------------------------------------------------------------------
+
+
+def test_a_map_with_a_launch_point_puts_local_zero_there(yard):
+    place = place_vehicle(yard, None)
+    np.testing.assert_allclose(place.to_map((0.0, 0.0, 0.0)), [10.0, 10.0, 0.0])
+    np.testing.assert_allclose(place.to_map((3.0, 5.0, -7.0)), [15.0, 13.0, 7.0])
+    assert place.home == PX4_SITL_HOME
+
+
+def test_a_map_on_earth_has_the_vehicle_at_px4s_home_on_its_ground(block):
+    place = place_vehicle(block, None)
+    assert place.home.latitude_deg == pytest.approx(47.397742)
+    assert place.home.longitude_deg == pytest.approx(8.545594)
+    assert place.home.altitude_m == pytest.approx(480.0, abs=0.01)
+
+
+def test_what_global_position_int_says_is_where_the_referee_sees_the_vehicle(block):
+    place = place_vehicle(block, None)
+    bench = Bench(Settings(place))
+    bench.run(2.0)
+    bench.vehicle.px4.body.position_m = (30.0, -20.0, -10.0)
+    bench.run(0.02)
+    message = bench.last("GLOBAL_POSITION_INT")
+    point = GeoPoint(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)
+    assert block.origin is not None
+    seen = place.to_map(bench.vehicle.px4.body.position_m)
+    np.testing.assert_allclose(geodetic_to_enu(block.origin, point), seen, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    "home",
+    [GeoPoint(47.0, 8.0, 480.0), GeoPoint(47.39803, 8.54613, 480.0)],
+    ids=["far away", "in the house"],
+)
+def test_a_home_outside_the_map_or_in_an_obstacle_is_refused(block, home):
+    with pytest.raises(MapError, match="--home"):
+        place_vehicle(block, home)
+
+
+@pytest.mark.parametrize("latitude", [47.4, -35.4, 0.0, 70.0])
+def test_projection_round_trip(latitude):
+    projection = Projection(GeoPoint(latitude, 8.5, 0.0))
+    for north, east in [(0.0, 0.0), (100.0, -250.0), (-1e3, 1e3)]:
+        back = projection.to_local(*projection.to_geodetic(north, east))
+        assert back == pytest.approx((north, east), abs=1e-3)
+
+
+# -- targets -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["static", "straight", "circle", "waypoints"])
+@pytest.mark.parametrize("seed", range(5))
+def test_targets_stay_in_the_map_and_out_of_obstacles(kind, seed):
+    place = place_vehicle(load_map("env1"), None)
+    text = f"kind={kind},speed=5" + (",radius=6" if kind == "circle" else "")
+    target = parse_target(text, place, np.random.default_rng(seed))
+    positions = np.array([target.position_enu_m(t) for t in np.arange(0.0, 120.0, 0.5)])
+    assert place.map is not None
+    assert bool(np.all(place.map.contains(positions)))
+    assert float(np.min(place.map.obstacles.signed_distance_m(positions))) > 1.4
+
+
+@pytest.mark.parametrize("kind", ["straight", "circle", "waypoints"])
+def test_targets_keep_their_speed(kind):
+    place = place_vehicle(None, None)
+    target = parse_target(f"kind={kind},speed=3", place, np.random.default_rng(1))
+    positions = np.array([target.position_enu_m(t) for t in np.arange(0.0, 60.0, 0.01)])
+    speeds = np.linalg.norm(np.diff(positions, axis=0), axis=1) / 0.01
+    assert float(np.median(speeds)) == pytest.approx(3.0, rel=0.01)
+    assert float(np.max(speeds)) < 3.01
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("kind=spiral", "kind must be one of"),
+        ("colour=red", "unknown key colour"),
+        ("at=1:2", "at must be E:N:U"),
+        ("at=1:2:nan", "at must be finite"),
+        ("sysid=300", "sysid must lie in"),
+        ("sysid=1", "sysid must be a number of at least 2"),
+        ("kind=static,at=26:30:10", "within 2 m of an obstacle"),
+        ("kind=static,at=500:30:10", "leaves the map"),
+        ("kind=straight,at=5:5:5,to=50:5:5", "within 2 m of an obstacle"),
+        ("kind=straight,at=5:5:5", "needs both"),
+        ("kind=circle,radius=100", "no free place"),
+    ],
+)
+def test_impossible_targets_are_refused(yard, text, complaint):
+    with pytest.raises(UsageError, match=complaint):
+        parse_target(text, place_vehicle(yard, None), np.random.default_rng(0))
+
+
+def test_a_target_reports_at_its_rate_from_its_own_system():
+    bench = Bench(targets=["kind=static,at=20:30:10,sysid=43,rate=8"])
+    bench.run(10.0)
+    mine = [m for m in bench.all("GLOBAL_POSITION_INT") if m.get_srcSystem() == 43]
+    assert len(mine) == pytest.approx(80, abs=2)
+    heartbeats = [m for m in bench.all("HEARTBEAT") if m.get_srcSystem() == 43]
+    assert len(heartbeats) == pytest.approx(10, abs=1)
+    assert {m.autopilot for m in heartbeats} == {8}
+    assert mine[-1].relative_alt == 10_000
+
+
+def test_a_target_with_px4_autopilot_looks_like_a_second_vehicle():
+    bench = Bench(targets=["kind=static,at=20:30:10,autopilot=px4"])
+    bench.run(2.0)
+    assert 12 in {m.autopilot for m in bench.all("HEARTBEAT") if m.get_srcSystem() == 42}
+
+
+def test_follow_target_carries_position_and_velocity():
+    bench = Bench(targets=["kind=straight,at=0:0:10,to=0:100:10,speed=2,message=follow"])
+    bench.run(5.0)
+    message = bench.last("FOLLOW_TARGET")
+    assert message.get_srcSystem() == 42
+    assert message.est_capabilities == 3
+    assert message.vel == pytest.approx([2.0, 0.0, 0.0], abs=0.05)
+    assert message.alt == pytest.approx(499.4, abs=0.01)
+    assert len(bench.all("FOLLOW_TARGET")) == pytest.approx(20, abs=1)
+
+
+# -- referee -------------------------------------------------------------------------------
+
+
+def test_flying_into_a_wall_is_one_contact_seen_by_everybody(yard):
+    bench = airborne(Settings(place_vehicle(yard, None)))
+    bench.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), identity=(255, 190))
+    bench.run(4.0, stream=bench.velocity(0.0, 4.0, 0.0))
+    bench.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), identity=(255, 190))
+    bench.run(4.0, stream=bench.velocity(0.0, 4.0, 0.0))
+    report = bench.vehicle.report()
+    assert len(report["contacts"]) == 1
+    contact = report["contacts"][0]
+    assert contact["position_enu_m"][0] == pytest.approx(25.1, abs=0.2)
+    assert contact["speed_mps"] == pytest.approx(4.0, abs=0.2)
+    assert report["min_clearance_m"] < 0.0
+    assert any(text.startswith("Contact with an obstacle") for text in bench.texts())
+    assert bench.last("NAMED_VALUE_INT").value == 1
+    assert any("Contact" in line for line in bench.vehicle.take_log())
+
+
+def test_a_wall_passed_at_a_distance_is_no_contact(yard):
+    bench = airborne(Settings(place_vehicle(yard, None)))
+    bench.run(6.0, stream=bench.velocity(4.0, 0.0, 0.0))
+    report = bench.vehicle.report()
+    assert report["contacts"] == []
+    assert report["min_clearance_m"] == pytest.approx(15.0, abs=0.2)
+    assert report["max_speed_mps"] == pytest.approx(4.0, abs=0.1)
+    assert report["distance_flown_m"] > 20.0
+
+
+def test_a_thin_wall_cannot_be_tunnelled_at_full_speed(tmp_path):
+    text = LAUNCHED.replace("27, 0], [27, 60]", "25.1, 0], [25.1, 60]")
+    (tmp_path / "thin.yaml").write_text(text)
+    bench = airborne(Settings(place_vehicle(load_map(tmp_path / "thin.yaml"), None)))
+    bench.run(5.0, stream=bench.velocity(0.0, 12.0, 0.0))
+    assert len(bench.vehicle.report()["contacts"]) == 1
+
+
+def test_leaving_the_map_is_noted(yard):
+    bench = airborne(Settings(place_vehicle(yard, None)))
+    assert not bench.vehicle.report()["left_map"]
+    bench.run(6.0, stream=bench.velocity(-4.0, 0.0, 0.0))
+    assert bench.vehicle.report()["left_map"]
+
+
+def test_a_vehicle_on_the_ground_touches_nothing():
+    bench = Bench(Settings(place_vehicle(load_map("env1"), None)))
+    bench.run(5.0)
+    report = bench.vehicle.report()
+    assert report["contacts"] == []
+    assert report["min_clearance_m"] is None
+
+
+def test_the_timeline_tells_modes_and_failsafes(yard):
+    bench = airborne(Settings(place_vehicle(yard, None)))
+    bench.run(3.0)
+    words = [entry[1] for entry in bench.vehicle.report()["timeline"]]
+    assert words == [
+        "LOITER disarmed",
+        "OFFBOARD armed",
+        "RTL armed (failsafe: setpoints lost)",
+    ]
+
+
+# -- dynamics ------------------------------------------------------------------------------
+
+
+def test_steady_shortfall_is_what_it_says():
+    settings = Settings(place_vehicle(None, None), response=Response(shortfall=0.16))
+    bench = airborne(settings)
+    bench.run(6.0, stream=bench.velocity(2.0, 0.0, 0.0))
+    assert bench.last("LOCAL_POSITION_NED").vx == pytest.approx(1.68, abs=0.02)
+
+
+def test_velocity_step_is_as_fast_as_px4_sih():
+    bench = airborne(Settings(place_vehicle(None, None), response=Response(shortfall=0.16)))
+    bench.run(1.5, stream=bench.velocity(2.0, 0.0, 0.0))
+    assert bench.last("LOCAL_POSITION_NED").vx == pytest.approx(1.45, abs=0.25)
+
+
+def test_wind_drifts_a_hovering_vehicle_and_noise_shakes_its_report():
+    settings = Settings(place_vehicle(None, None), wind_ned_mps=(0.0, 5.0, 0.0), noise_m=0.1)
+    bench = airborne(settings)
+    bench.run(5.0, stream=bench.velocity(0.0, 0.0, 0.0))
+    assert bench.last("LOCAL_POSITION_NED").vy == pytest.approx(0.5, abs=0.1)
+    tail = [m.z for m in bench.all("LOCAL_POSITION_NED")][-60:]
+    assert float(np.std(tail)) == pytest.approx(0.1, rel=0.4)
+
+
+def test_takeoff_takes_as_long_as_recorded():
+    bench = Bench()
+    bench.run(2.0)
+    up = bench.position(0.0, 0.0, -10.0)
+    bench.run(0.5, stream=up)
+    bench.command(176, 1.0, 6.0)
+    bench.command(400, 1.0)
+    armed_s = bench.time_s
+    assert bench.run(20.0, stream=up, until=lambda: bench.vehicle.px4.body.position_m[2] < -9.5)
+    assert bench.time_s - armed_s == pytest.approx(8.1, abs=1.0)  # PX4 SIH: 8.1 s
+
+
+def test_landing_from_ten_metres_takes_as_long_as_recorded():
+    bench = airborne(Settings(place_vehicle(None, None)), down=-10.0)
+    bench.command(21)
+    start_s = bench.time_s
+    assert bench.run(60.0, until=lambda: not bench.vehicle.px4.armed)
+    assert bench.time_s - start_s == pytest.approx(19.0, abs=2.5)  # PX4 SIH: about 19 s
+    assert math.hypot(*bench.vehicle.px4.body.position_m) < 0.5
