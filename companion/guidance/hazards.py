@@ -16,7 +16,8 @@ from companion.arrays import BoolArray, FloatArray, IntArray
 from companion.world.decomposition import convex_pieces
 from companion.world.maps import Map
 
-_PARALLEL = -1e-30
+_PARALLEL_M = 1e-12
+"""A way that changes its distance to a plane by less runs along it."""
 
 
 class Kind(IntEnum):
@@ -94,7 +95,7 @@ class Hazards:
             Shape ``(S, B)``; a way that only touches a face does not enter.
         """
         outside_m, change_m = self._along(start_enu_m, end_enu_m, grown_m)
-        change_m[change_m == 0.0] = _PARALLEL
+        change_m[np.abs(change_m) < _PARALLEL_M] = -_PARALLEL_M
         share = outside_m / -change_m
         enter = np.where(change_m < 0.0, share, 0.0).max(axis=-1, initial=0.0)
         leave = np.where(change_m > 0.0, share, 1.0).min(axis=-1, initial=1.0)

@@ -40,6 +40,8 @@ from companion.world.maps import Map
 _BLOCKED_SHARE = 0.1
 """A proposal of which less than this is left counts as blocked."""
 _CHANGED_MPS = 1e-6
+_BELIEVABLE = 1e5
+"""No vehicle is farther from its map (m) than this, nor faster (m/s)."""
 _ALIKE_M = 0.05
 """Where nothing keeps the margin: losses that differ by less count as equal."""
 _INSIDE_M = 0.05
@@ -66,8 +68,8 @@ class ShieldReason(StrEnum):
     """Nothing keeps the margin; what keeps the most of it is flown."""
     NOT_FINITE = "proposal is not finite"
     """Not three finite numbers: taken as a hold."""
-    STATE_INVALID = "state is not finite"
-    """Position or velocity are not three finite numbers: hold, and nothing can be said."""
+    STATE_INVALID = "state is not believable"
+    """Position or velocity are not three numbers of any vehicle's: hold, nothing can be said."""
 
 
 _REASONS = {
@@ -99,9 +101,9 @@ class ShieldLimits:
     """Of the control loop."""
     reaction_s: float = 0.1
     """From the setpoint on the wire to the first change of motion; two periods."""
-    restore_s: float = 1.5
+    restore_s: float = 0.6
     """Inside the margin: time constant of the way out."""
-    restore_max_mps: float = 1.5
+    restore_max_mps: float = 3.0
     """Inside the margin: largest speed that the way out may demand."""
 
     def __post_init__(self) -> None:
@@ -158,7 +160,7 @@ class Shield:
             velocity_now_enu_mps: What it is doing, shape ``(3,)``.
         """
         position, velocity_now = _three(position_enu_m), _three(velocity_now_enu_mps)
-        if position is None or velocity_now is None:
+        if position is None or velocity_now is None or not _believable(position, velocity_now):
             return ShieldDecision(np.zeros(3), True, ShieldReason.STATE_INVALID, float("nan"))
         given = _three(velocity_enu_mps)
         proposal = np.zeros(3) if given is None else self._limited(given)
@@ -196,20 +198,35 @@ class Shield:
         scene = self._scene(proposal, position, velocity_now)
         if scene is None:
             return proposal, ShieldReason.CLEAR
-        first = scene.judge(proposal[None])
-        if first.leads_out[0]:
+        keep_m = scene.hazards.keep_m
+        entered = scene.entered(proposal[None], keep_m)[0]
+        if not entered.any():
             return proposal, ShieldReason.CLEAR
-        reason = _reason(scene, first.entered[0])
+
+        # What even braking loses cannot be asked for; it must be won back.
+        slack_m = np.minimum(scene.slack_m, scene.least_slack_m(np.zeros((1, 3)))[0])
+        lost_m = np.maximum(-slack_m, 0.0)
+        normal = scene.nearest_normal()
+        out_mps = self._out_mps(normal, lost_m)
+        reason = _reason(scene, entered)
+        if lost_m.max() > _EMERGENCY_SHARE * self.limits.margin_m:
+            reason = ShieldReason.EMERGENCY
 
         # The fan is a good deal dearer than the walls and seldom nearer: only where they fail.
-        for source in (self._walled, self._fanned):
-            candidates = source(proposal, scene)
-            verdict = scene.judge(candidates)
-            for safe in (verdict.leads_out, verdict.keeps):
-                if safe.any():
-                    chosen = _nearest(candidates[safe], proposal)
-                    return chosen, _blocked_or(reason, proposal, chosen)
-        return self._least_bad(candidates, proposal, scene, reason)
+        walled = within_walls(proposal, *scene.walls(proposal, out_mps))
+        for more in (walled, fan(proposal, self.limits.restore_max_mps)):
+            candidates = self._limited(np.concatenate((proposal[None], more)))
+            leads = (candidates @ normal.T >= out_mps - _CHANGED_MPS) | (out_mps == 0.0)
+            bearable_m = keep_m - lost_m - np.where(lost_m > 0.0, _ALIKE_M, 0.0)
+            safe = leads.all(axis=1) & ~scene.entered(candidates, bearable_m).any(axis=1)
+            if not safe.any() and lost_m.any():
+                safe = ~scene.entered(candidates, keep_m - lost_m).any(axis=1)
+            if safe.any():
+                chosen = _nearest(candidates[safe], proposal)
+                return chosen, _blocked_or(reason, proposal, chosen)
+        worst_m = scene.least_slack_m(candidates).min(axis=1)
+        chosen = _nearest(candidates[worst_m >= worst_m.max() - _ALIKE_M], proposal)
+        return chosen, _blocked_or(reason, proposal, chosen)
 
     def _scene(
         self, proposal: FloatArray, position: FloatArray, velocity_now: FloatArray
@@ -217,40 +234,20 @@ class Shield:
         """Return what is within reach, ``None`` if nothing is."""
         every = self._hazards
         plane_m = every.plane_distance_m(position)
-        slack_m = plane_m.max(axis=1) - every.keep_m
         fastest_mps = np.sqrt(max(float(proposal @ proposal), float(velocity_now @ velocity_now)))
-        stop_m = self._braking.stopping_distance_m(fastest_mps)
-        near = slack_m < fastest_mps * self._follow_s + stop_m
+        reach_m = fastest_mps * self._follow_s + self._braking.stopping_distance_m(fastest_mps)
+        near = plane_m.max(axis=1) - every.keep_m < reach_m
         if not near.any():
             return None
-        out_mps = np.clip(-slack_m[near] / self.limits.restore_s, 0.0, self.limits.restore_max_mps)
         return Scene(
-            every.take(near),
-            plane_m[near],
-            position,
-            velocity_now,
-            self._braking,
-            self._follow_s,
-            out_mps,
+            every.take(near), plane_m[near], position, velocity_now, self._braking, self._follow_s
         )
 
-    def _walled(self, proposal: FloatArray, scene: Scene) -> FloatArray:
-        return self._limited(within_walls(proposal, *scene.walls(proposal)))
-
-    def _fanned(self, proposal: FloatArray, scene: Scene) -> FloatArray:
-        return self._limited(fan(proposal, self.limits.restore_max_mps))
-
-    def _least_bad(
-        self, candidates: FloatArray, proposal: FloatArray, scene: Scene, reason: ShieldReason
-    ) -> tuple[FloatArray, ShieldReason]:
-        """Return what keeps the most where nothing keeps everything."""
-        slack_m = scene.least_slack_m(candidates)
-        lost_m = -slack_m.min(axis=1)
-        equal = lost_m <= lost_m.min() + _ALIKE_M
-        chosen = _nearest(candidates[equal], proposal)
-        if lost_m.min() > _EMERGENCY_SHARE * self.limits.margin_m:
-            return chosen, ShieldReason.EMERGENCY
-        return chosen, _blocked_or(reason, proposal, chosen)
+    def _out_mps(self, normal: FloatArray, lost_m: FloatArray) -> FloatArray:
+        """Return the speed with which to leave each margin that is lost, ``(B,)``."""
+        wanted_mps = np.minimum(lost_m / self.limits.restore_s, self.limits.restore_max_mps)
+        possible = self._limited(normal * wanted_mps[:, None])
+        return np.asarray(np.einsum("bi,bi->b", possible, normal))
 
     def _way_out(self, position: FloatArray) -> FloatArray:
         """Return the velocity to the nearest surface of the obstacle the vehicle is inside of."""
@@ -268,6 +265,11 @@ def _three(values: npt.ArrayLike) -> FloatArray | None:
     return array if array.shape == (3,) and bool(np.isfinite(array).all()) else None
 
 
+def _believable(position_enu_m: FloatArray, velocity_enu_mps: FloatArray) -> bool:
+    largest = max(np.abs(position_enu_m).max(), np.abs(velocity_enu_mps).max())
+    return bool(largest < _BELIEVABLE)
+
+
 def _nearest(candidates: FloatArray, proposal: FloatArray) -> FloatArray:
     offset = candidates - proposal
     return np.asarray(candidates[np.argmin(np.einsum("ki,ki->k", offset, offset))])
@@ -275,7 +277,7 @@ def _nearest(candidates: FloatArray, proposal: FloatArray) -> FloatArray:
 
 def _reason(scene: Scene, entered: npt.NDArray[np.bool_]) -> ShieldReason:
     """Return why a proposal that would enter these hazards is not flown."""
-    slack_m = scene.plane_m.max(axis=1) - scene.hazards.keep_m
+    slack_m = scene.slack_m
     nearest = int(np.argmin(np.where(entered, slack_m, np.inf)))
     if slack_m[nearest] < -_INSIDE_M:
         return ShieldReason.LEADING_OUT
@@ -284,6 +286,8 @@ def _reason(scene: Scene, entered: npt.NDArray[np.bool_]) -> ShieldReason:
 
 def _blocked_or(reason: ShieldReason, proposal: FloatArray, chosen: FloatArray) -> ShieldReason:
     """Return ``BLOCKED`` where next to nothing of the proposal is left, else the reason."""
+    if reason is ShieldReason.EMERGENCY:
+        return reason
     if chosen @ chosen < _BLOCKED_SHARE**2 * (proposal @ proposal):
         return ShieldReason.BLOCKED
     return reason
