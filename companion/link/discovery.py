@@ -32,7 +32,7 @@ class Found:
     system_id: int
     autopilot: Autopilot
     peer: Peer
-    heard: tuple[Received, ...]
+    heard: tuple[tuple[Peer, Received], ...]
 
 
 def discover(
@@ -55,7 +55,8 @@ def discover(
 
     Raises:
         UsageError: If the vehicle is named as a target too.
-        AmbiguousVehicleError: If two autopilots are heard and none was named.
+        AmbiguousVehicleError: If two autopilots are heard and none was named, or two with the
+            same id.
         LinkLostError: If no autopilot, or not the named one, is heard in time.
         RefusedError: If its firmware or kind is not one the companion flies.
     """
@@ -85,15 +86,16 @@ class _Search:
     def __init__(self, vehicle_sysid: int | None, target_sysids: Collection[int]) -> None:
         self._wanted = vehicle_sysid
         self._targets = target_sysids
-        self._autopilots: dict[int, tuple[Peer, int, int]] = {}
+        self._autopilots: dict[int, tuple[int, int]] = {}
+        self._peers: dict[int, set[Peer]] = {}
         self._senders: set[tuple[int, int]] = set()
-        self._heard: deque[Received] = deque(maxlen=_KEPT_PACKETS)
+        self._heard: deque[tuple[Peer, Received]] = deque(maxlen=_KEPT_PACKETS)
         self.decided_s: float | None = None
         """When enough has been heard; ``None`` while there is nobody."""
 
     def take(self, peer: Peer, received: Received, connection: Connection) -> None:
         """Take in one packet."""
-        self._heard.append(received)
+        self._heard.append((peer, received))
         self._senders.add((received.system_id, received.component_id))
         if (
             received.message_id != dialect.MAVLINK_MSG_ID_HEARTBEAT
@@ -108,7 +110,8 @@ class _Search:
         ):
             return
         system_id = received.system_id
-        self._autopilots[system_id] = (peer, message.autopilot, message.type)
+        self._autopilots[system_id] = (message.autopilot, message.type)
+        self._peers.setdefault(system_id, set()).add(peer)
         if system_id == self._wanted:
             self.decided_s = received.time_s
         elif self._wanted is None and self.decided_s is None and system_id not in self._targets:
@@ -128,8 +131,15 @@ class _Search:
         if not candidates:
             raise self._nobody(connection, url, timeout_s)
         system_id = candidates[0]
-        peer, autopilot, vehicle_type = self._autopilots[system_id]
-        return Found(system_id, autopilot_of(autopilot, vehicle_type), peer, tuple(self._heard))
+        peers = self._peers[system_id]
+        if len(peers) > 1:
+            listed = " and ".join(sorted(map(str, peers)))
+            raise AmbiguousVehicleError(
+                f"system id {system_id} is heard from {listed} on {url}: give the vehicles ids of "
+                "their own, or each a port"
+            )
+        autopilot = autopilot_of(*self._autopilots[system_id])
+        return Found(system_id, autopilot, next(iter(peers)), tuple(self._heard))
 
     def _nobody(
         self, connection: Connection, url: str, timeout_s: float

@@ -67,7 +67,7 @@ class Telemetry:
         self._boot_ms: int | None = None
         self.heartbeat_time_s: float | None = None
         self.mode = FlightMode.OTHER
-        self._mode_name = ""
+        self.mode_name = ""
         self.armed = False
         self._system_status = SystemStatus.UNINIT
         self.landed = LandedState.UNKNOWN
@@ -98,7 +98,7 @@ class Telemetry:
             attitude_rad=self._attitude_rad,
             heartbeat_time_s=self.heartbeat_time_s,
             mode=self.mode,
-            mode_name=self._mode_name,
+            mode_name=self.mode_name,
             armed=self.armed,
             landed=self.landed,
             system_status=self._system_status,
@@ -123,7 +123,7 @@ class Telemetry:
     def _heartbeat(self, message: Any, now_s: float) -> list[VehicleEvent]:
         self.heartbeat_time_s = now_s
         self.mode = self._autopilot.mode(message.custom_mode)
-        self._mode_name = self._autopilot.mode_name(message.custom_mode)
+        self.mode_name = self._autopilot.mode_name(message.custom_mode)
         self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         self._system_status = _known(SystemStatus, message.system_status, SystemStatus.UNINIT)
         return []

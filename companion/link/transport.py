@@ -4,7 +4,6 @@ Every transport is opened ready to use, never blocks except in ``wait``, and cou
 could not send instead of raising: a companion must outlive a full buffer and a closed peer port.
 """
 
-import contextlib
 import errno
 import os
 import select
@@ -90,8 +89,7 @@ class _Waiting:
 
     def wait(self, timeout_s: float) -> None:
         # select, because epoll rounds the timeout up to whole milliseconds
-        with contextlib.suppress(InterruptedError):
-            select.select([self.fileno()], [], [], max(0.0, timeout_s))
+        select.select([self.fileno()], [], [], max(0.0, timeout_s))
 
 
 class _Socket(_Waiting):

@@ -4,6 +4,7 @@ Everything runs in the caller's thread, inside ``wait_until``. Nothing is sent b
 lives on when the caller hangs: when the loop stops, the stream and the heartbeat stop.
 """
 
+import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -17,9 +18,10 @@ from companion.link.address import parse_url
 from companion.link.codec import Codec, Received
 from companion.link.connection import Connection, Tap
 from companion.link.discovery import Found, discover
+from companion.link.housekeeping import Housekeeping
 from companion.link.inbox import Inbox
-from companion.link.rates import RateMeter
-from companion.link.requests import Request, plan_request
+from companion.link.parameters import ParameterReader
+from companion.link.requests import Requests
 from companion.link.statustext import encode_text
 from companion.link.targets import Targets
 from companion.link.telemetry import Telemetry
@@ -28,7 +30,6 @@ from companion.vehicle import (
     EventKind,
     LinkStats,
     RequestKind,
-    RequestState,
     RequestStatus,
     Severity,
     SystemStatus,
@@ -43,7 +44,9 @@ COMPONENT_ID = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 
 _AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 _PROVISIONAL_SYSTEM_ID = 1
-_CHORE_PERIOD_S = 1.0
+_SILENT_S = 2.0
+"""A vehicle silent for this long at one address may be heard at another."""
+_TELL_AGAIN_S = 1.0
 _VERSION_WAIT_S = 1.0
 _MAX_EVENTS = 1000
 _PARAM_RETRY_S = 0.7
@@ -122,32 +125,37 @@ class MavlinkVehicle:
         self._autopilot = found.autopilot
         connection.codec.system_id = found.system_id
         connection.reply_to(found.peer)
+        self._peer = found.peer
+        self._peer_heard_s = -math.inf
+        self._rival_told_s = -math.inf
         self._telemetry = Telemetry(found.autopilot)
         self._targets = Targets(target_sysids)
         self._inbox = Inbox(connection, found.system_id, self._telemetry)
-        self._request: Request | None = None
-        self._without_request = RequestStatus()
+        self._requests = Requests(connection, found.autopilot, found.system_id, self._telemetry)
+        self._parameters = ParameterReader(connection.codec, found.autopilot)
         self._events: deque[VehicleEvent] = deque(maxlen=_MAX_EVENTS)
-        started_s = found.heard[0].time_s if found.heard else connection.now()
-        self._rates = RateMeter(started_s)
-        self._next_chore_s = connection.now()
         self._started_s = connection.now()
-        self._params: dict[str, int | float] = {}
+        self._housekeeping = Housekeeping(
+            connection,
+            found.autopilot,
+            found.system_id,
+            self._telemetry,
+            heard_since_s=found.heard[0][1].time_s if found.heard else self._started_s,
+        )
         self._text_id = 0
-        self._send_errors_said = 0
         self._packets_received = 0
         self._packets_foreign = 0
         self._setpoints_sent = 0
         self._from_autopilot: Mapping[int, Callable[[Any, float], None]] = {
-            dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._hear_ack,
+            dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._requests.hear_ack,
             dialect.MAVLINK_MSG_ID_TIMESYNC: self._hear_timesync,
         }
         self._from_target: Mapping[int, Callable[[Any, int, float], None]] = {
             dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._targets.global_position,
             dialect.MAVLINK_MSG_ID_FOLLOW_TARGET: self._targets.follow_target,
         }
-        for received in found.heard:
-            self._take(found.peer, received)
+        for peer, received in found.heard:
+            self._take(peer, received)
 
     # -- companion.vehicle.Vehicle ---------------------------------------------------------
 
@@ -212,17 +220,11 @@ class MavlinkVehicle:
         Raises:
             ValueError: If a take-off comes without an altitude above zero.
         """
-        plan = plan_request(kind, self._autopilot, self._telemetry, altitude_m)
-        if isinstance(plan, str):
-            self._request = None
-            self._without_request = RequestStatus(kind, RequestState.REJECTED, plan)
-            return
-        self._request = Request(kind, plan, self.now_s())
-        self._advance_request(self.now_s())
+        self._requests.start(kind, altitude_m, self.now_s())
 
     def request_status(self) -> RequestStatus:
         """Return how far the newest request has come."""
-        return self._without_request if self._request is None else self._request.status
+        return self._requests.status
 
     def send_heartbeat(self, status: SystemStatus) -> None:
         """Send one HEARTBEAT with our own health."""
@@ -242,7 +244,7 @@ class MavlinkVehicle:
             bytes_bad=self._connection.bytes_bad,
             packets_foreign=self._packets_foreign,
             setpoints_sent=self._setpoints_sent,
-            rates_hz=self._rates.rates_hz(),
+            rates_hz=self._housekeeping.rates.rates_hz(),
         )
 
     def close(self) -> None:
@@ -261,13 +263,14 @@ class MavlinkVehicle:
         Returns:
             Its value, an ``int`` where the parameter is one; ``None`` if no answer came.
         """
-        self._params.pop(name, None)
+        parameters = self._parameters
+        parameters.expect(name)
         deadline_s = self.now_s() + timeout_s
-        while name not in self._params and self.now_s() < deadline_s:
+        while parameters.value is None and self.now_s() < deadline_s:
             self._connection.send(messages.read_param(self._system_id, name))
             retry_s = min(_PARAM_RETRY_S, deadline_s - self.now_s())
-            self._wait_for(lambda: name in self._params, retry_s)
-        return self._params.get(name)
+            self._wait_for(lambda: parameters.value is not None, retry_s)
+        return parameters.value
 
     def wait_for_version(self, timeout_s: float) -> None:
         """Wait until the firmware's version is known, but not longer than ``timeout_s``."""
@@ -287,18 +290,14 @@ class MavlinkVehicle:
         for peer, received in self._connection.receive():
             self._take(peer, received)
         now_s = self.now_s()
-        if now_s >= self._next_chore_s:
-            self._next_chore_s = now_s + _CHORE_PERIOD_S
-            self._do_chores(now_s)
-        self._advance_request(now_s)
-        due_s = None if self._request is None else self._request.due_s
-        return self._next_chore_s if due_s is None else min(due_s, self._next_chore_s)
+        self._events.extend(self._housekeeping.advance(now_s))
+        self._requests.advance(now_s)
+        return min(self._requests.due_s, self._housekeeping.due_s)
 
     def _take(self, peer: Peer, received: Received) -> None:
-        if (received.system_id, received.component_id) == (self._system_id, _AUTOPILOT):
-            self._connection.reply_to(peer)
+        if self._is_of_vehicle(peer, received):
             self._packets_received += 1
-            self._rates.count(received.message_id)
+            self._housekeeping.rates.count(received.message_id)
             self._take_from_autopilot(received)
         elif received.system_id in self._targets.system_ids:
             take_target = self._from_target.get(received.message_id)
@@ -308,10 +307,35 @@ class MavlinkVehicle:
             self._packets_foreign += 1
         self._events.extend(self._inbox.take(received))
 
+    def _is_of_vehicle(self, peer: Peer, received: Received) -> bool:
+        """Judge by the ids, and by the address as long as the vehicle speaks from one.
+
+        Two vehicles with the same system id on one port must never be mixed; a vehicle that
+        fell silent may come back from another address.
+        """
+        if (received.system_id, received.component_id) != (self._system_id, _AUTOPILOT):
+            return False
+        now_s = received.time_s
+        if peer != self._peer:
+            if now_s - self._peer_heard_s <= _SILENT_S:
+                self._tell_rival(peer, now_s)
+                return False
+            self._peer = peer
+            self._connection.reply_to(peer)
+        self._peer_heard_s = now_s
+        return True
+
+    def _tell_rival(self, peer: Peer, now_s: float) -> None:
+        if now_s - self._rival_told_s < _TELL_AGAIN_S:
+            return
+        self._rival_told_s = now_s
+        text = f"another vehicle with system id {self._system_id} speaks from {peer}; ignored"
+        self._events.append(VehicleEvent(now_s, EventKind.LINK_ERROR, text, Severity.CRITICAL))
+
     def _take_from_autopilot(self, received: Received) -> None:
         now_s = received.time_s
         if received.message_id == dialect.MAVLINK_MSG_ID_PARAM_VALUE:
-            self._hear_param(received)
+            self._parameters.hear(received)
             return
         take = self._from_autopilot.get(received.message_id)
         take_state = self._telemetry.handlers.get(received.message_id)
@@ -323,73 +347,13 @@ class MavlinkVehicle:
         if take is not None:
             take(message, now_s)
         if take_state is not None:
-            self._note(take_state(message, now_s), now_s)
-
-    def _note(self, events: Sequence[VehicleEvent], now_s: float) -> None:
-        self._events.extend(events)
-        request = self._request
-        for event in events:
-            if event.kind is EventKind.REBOOT:
-                self._rates.forget_asking()
-                self._next_chore_s = now_s
-                if request is not None:
-                    request.abandon("the autopilot rebooted", now_s)
-            elif request is not None and event.severity <= Severity.WARNING:
-                request.hear_text(event.text, now_s)
-        if request is not None:
-            request.hear_state(self._telemetry.heartbeat_time_s, now_s)
-
-    def _hear_ack(self, message: Any, now_s: float) -> None:
-        codec = self._connection.codec
-        if self._request is None or message.target_system not in (0, codec.system_id):
-            return
-        if message.target_component not in (0, codec.component_id):
-            return
-        self._request.hear_ack(message.command, message.result, now_s)
-        self._request.hear_state(self._telemetry.heartbeat_time_s, now_s)
+            events = take_state(message, now_s)
+            self._events.extend(events)
+            self._requests.hear_telemetry(events, now_s)
+            if any(event.kind is EventKind.REBOOT for event in events):
+                self._housekeeping.start_over(now_s)
 
     def _hear_timesync(self, message: Any, now_s: float) -> None:
         if message.tc1 == 0:
             now_ns = round(self.now_s() * 1e9)
             self._connection.send(messages.timesync_reply(message.ts1, now_ns))
-
-    def _hear_param(self, received: Received) -> None:
-        message = self._connection.codec.decode(received)
-        if message is not None:
-            # the raw bytes: PX4 puts integers there that do not survive being a float
-            raw = received.payload[:4].ljust(4, b"\0")
-            value = self._autopilot.decode_param(raw, message.param_type)
-            self._params[message.param_id] = value
-
-    # -- what goes out by itself -----------------------------------------------------------
-
-    def _advance_request(self, now_s: float) -> None:
-        request = self._request
-        if request is not None and (confirmation := request.advance(now_s)) is not None:
-            self._connection.send(
-                messages.command_long(self._system_id, request.command, confirmation)
-            )
-
-    def _do_chores(self, now_s: float) -> None:
-        """Once a second: ask again for what is still missing."""
-        telemetry = self._telemetry
-        self._events.extend(telemetry.overdue_texts(now_s))
-        missing = {
-            dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: not telemetry.version,
-            dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: telemetry.origin is None,
-            dialect.MAVLINK_MSG_ID_HOME_POSITION: telemetry.home_altitude_m is None,
-        }
-        for message_id, is_missing in missing.items():
-            if is_missing:
-                self._connection.send(messages.request_message(self._system_id, message_id))
-        if self._rates.turn(now_s):
-            wanted_hz = self._autopilot.stream_rates_hz
-            for message_id, rate_hz in self._rates.too_slow(wanted_hz, now_s):
-                self._connection.send(
-                    messages.set_message_interval(self._system_id, message_id, rate_hz)
-                )
-        if self._connection.send_errors > self._send_errors_said:
-            count = self._connection.send_errors - self._send_errors_said
-            self._send_errors_said = self._connection.send_errors
-            text = f"{count} packets could not be sent in the last second"
-            self._events.append(VehicleEvent(now_s, EventKind.LINK_ERROR, text, Severity.WARNING))

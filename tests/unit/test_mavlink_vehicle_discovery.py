@@ -3,6 +3,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.errors import AmbiguousVehicleError, LinkLostError, RefusedError, UsageError
 from companion.link.vehicle import attach
+from companion.vehicle import EventKind
 
 
 def find(transport, **options):
@@ -120,16 +121,43 @@ def test_where_we_listen_nothing_is_sent_before_the_vehicle_is_known(wire):
     assert wire.sent == []
 
 
+def test_two_vehicles_with_one_id_are_not_mixed(wire, sender):
+    sender(wire, 1, peer="here").heartbeat()
+    sender(wire, 1, peer="there").heartbeat(after_s=1.0)
+    with pytest.raises(AmbiguousVehicleError, match="system id 1 is heard from here and there"):
+        find(wire)
+
+
 def test_answers_go_to_the_peer_that_carries_the_vehicle(wire, sender):
     sender(wire, 42, peer="target").heartbeat(after_s=0.1)
-    vehicle_at_first = sender(wire, 1, peer="first")
-    vehicle_at_first.heartbeat()
+    sender(wire, 1, peer="first").heartbeat()
     vehicle = find(wire, target_sysids=(42,))
     assert wire.reply_peer == "first"
     sender(wire, 42, peer="target").heartbeat()
-    sender(wire, 1, peer="second").heartbeat(after_s=0.1)
-    vehicle.wait_until(wire.now_s + 0.2)
+    vehicle.wait_until(wire.now_s + 0.1)
+    assert wire.reply_peer == "first"
+    sender(wire, 1, peer="second").heartbeat(after_s=3.0)  # a new address after a silence
+    vehicle.wait_until(wire.now_s + 3.1)
     assert wire.reply_peer == "second"
+
+
+def test_a_rival_with_the_same_id_is_told_and_not_believed(wire, sender):
+    ours = sender(wire, 1, peer="first")
+    ours.heartbeat()
+    vehicle = find(wire)
+    told = []
+    for _ in range(30):
+        ours.heartbeat()
+        sender(wire, 1, peer="rival").send(
+            dialect.MAVLink_local_position_ned_message(1000, 9, 9, 9, 0, 0, 0)
+        )
+        vehicle.wait_until(wire.now_s + 0.1)
+        told += vehicle.take_events()
+    assert wire.reply_peer == "first"
+    assert "LOCAL_POSITION_NED" not in vehicle.stats().rates_hz
+    assert vehicle.stats().packets_foreign == 30
+    assert {event.kind for event in told} == {EventKind.LINK_ERROR}
+    assert 3 <= len(told) <= 4
 
 
 def test_what_was_heard_while_looking_is_not_forgotten(wire, sender):

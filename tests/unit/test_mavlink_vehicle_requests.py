@@ -183,6 +183,46 @@ def test_a_new_request_replaces_the_pending_one(px4):
     assert status(px4).kind is RequestKind.HOLD
 
 
+def test_the_answer_to_the_request_before_is_not_taken_for_this_ones(px4):
+    px4.acknowledge(SET_MODE, FAILED, after_s=0.2)  # a slow link: the answer to the first
+    px4.vehicle.request(RequestKind.EXTERNAL)
+    px4.run(0.1)
+    px4.vehicle.request(RequestKind.LAND)
+    px4.run(0.3)
+    assert status(px4).state is RequestState.PENDING
+    px4.acknowledge(SET_MODE, ACCEPTED)
+    px4.autopilot.heartbeat(0x06040000)
+    px4.run()
+    assert status(px4).state is RequestState.CONFIRMED
+
+
+def test_an_answer_that_was_lost_long_ago_is_not_waited_for(px4):
+    px4.vehicle.request(RequestKind.EXTERNAL)
+    px4.autopilot.heartbeat(OFFBOARD)
+    px4.run(3.0)
+    px4.acknowledge(SET_MODE, FAILED, after_s=0.01)
+    px4.vehicle.request(RequestKind.HOLD)
+    px4.run(0.1)
+    assert status(px4).state is RequestState.REJECTED
+
+
+@pytest.mark.parametrize("kind", [RequestKind.EXTERNAL, RequestKind.LAND, RequestKind.TAKEOFF])
+@pytest.mark.parametrize("accepted", [False, True])
+def test_a_pilot_who_chooses_a_mode_meanwhile_is_not_asked_again(px4, kind, accepted):
+    px4.landed(1)
+    px4.run()
+    px4.vehicle.request(kind, altitude_m=10.0)
+    sent = len(px4.transport.sent_of("COMMAND_LONG"))
+    if accepted:
+        px4.acknowledge(TAKEOFF if kind is RequestKind.TAKEOFF else SET_MODE, ACCEPTED)
+    px4.autopilot.heartbeat(0x00030000, armed=True, after_s=0.1)
+    px4.run(5.0)
+    assert status(px4).state is RequestState.REJECTED
+    assert status(px4).detail == "somebody else chose POSCTL"
+    commands = px4.transport.sent_of("COMMAND_LONG")[sent:]
+    assert not [message for message in commands if message.command in (SET_MODE, TAKEOFF)]
+
+
 def test_a_reboot_ends_what_was_pending(px4):
     px4.vehicle.request(RequestKind.LAND)
     px4.attitude(boot_ms=500)
