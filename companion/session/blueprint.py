@@ -1,9 +1,13 @@
 """How a session opens in the viewer: scene and plots above, states, messages and summary below."""
 
+import math
+
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.archetypes import VisibleTimeRanges
 
+from companion.arrays import FloatArray
 from companion.session import colors, curves
 from companion.session.curves import Curve
 from companion.session.records import MapRecord, SessionStart
@@ -17,6 +21,11 @@ _LAST_MINUTE = rrb.TimeRange(
     end=rrb.TimeRangeBoundary.cursor_relative(),
 )
 _UP = (0.0, 0.0, 1.0)
+_AZIMUTH = (0.66, 0.75)
+"""Where the city camera looks: east and north, a unit vector."""
+_DIVE_RAD = 0.6  # below the horizon
+_SLOPE_UP = 0.94 * math.tan(0.5 * math.radians(55.0))  # the viewer's field of view, less a rim
+_SLOPE_ACROSS = 1.5 * _SLOPE_UP  # the view is at least that much wider than high
 
 
 def blueprint(start: SessionStart, *, live: bool) -> rrb.Blueprint:
@@ -79,11 +88,28 @@ def map_blueprint(city: MapRecord) -> rrb.Blueprint:
 def _city(city: MapRecord) -> rrb.Spatial3DView:
     """See the whole map from the south-west, high enough to look into the streets."""
     east_m, north_m, _ = city.size_m
-    edge_m, top_m = max(east_m, north_m), max(city.heights_m, default=0.0)
-    centre_m = (0.5 * east_m, 0.5 * north_m, 0.22 * top_m)
-    back_m = 0.75 * edge_m + 0.1 * top_m
-    eye_m = (centre_m[0] - back_m, centre_m[1] - 1.1 * back_m, 0.78 * edge_m + 0.4 * top_m)
-    return _scene("City", rrb.EyeControls3D(position=eye_m, look_target=centre_m, eye_up=_UP))
+    shown_m = [[east, north, 0.0] for east in (0.0, east_m) for north in (0.0, north_m)]
+    for ring, height_m in zip(city.footprints_m, city.heights_m, strict=True):
+        shown_m += [[east, north, height_m] for east, north in ring]
+    eye_m, centre_m = _stand_back(np.array(shown_m))
+    eye = rrb.EyeControls3D(position=eye_m, look_target=centre_m, eye_up=_UP)
+    return _scene("City", eye)
+
+
+def _stand_back(shown_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return where to stand and where to look, so that all points ``(N, 3)`` are in view."""
+    right = np.array([_AZIMUTH[1], -_AZIMUTH[0], 0.0])
+    ahead = np.array([*(np.cos(_DIVE_RAD) * np.array(_AZIMUTH)), -np.sin(_DIVE_RAD)])
+    above = np.cross(right, ahead)
+    across_m, up_m, depth_m = (shown_m @ axis for axis in (right, above, ahead))
+    centre, back_m = [], []
+    for offset_m, slope in ((across_m, _SLOPE_ACROSS), (up_m, _SLOPE_UP)):
+        low_m, high_m = (offset_m + slope * depth_m).min(), (offset_m - slope * depth_m).max()
+        back_m.append((high_m - low_m) / (2.0 * slope))
+        centre.append(0.5 * (high_m + low_m))
+    distance_m = max(back_m)
+    eye_m = centre[0] * right + centre[1] * above - distance_m * ahead
+    return eye_m, eye_m + (distance_m + depth_m.mean()) * ahead  # orbits turn round the middle
 
 
 def _top(city: MapRecord) -> rrb.Spatial3DView:

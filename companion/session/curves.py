@@ -90,6 +90,7 @@ DISTANCE = Curve(
     "Distance to target [m]",
     (Line("to target", colors.TARGET), Line("arrival radius", colors.LIMIT, 1.0)),
     lambda tick, start: _limit(tick.distance_m, start.arrival_radius_m),
+    lambda start: (0.0, math.hypot(*start.map.size_m[:2])),
 )
 CLEARANCE = Curve(
     "plots/clearance",

@@ -122,6 +122,8 @@ def _recording(session: Path) -> Path:
     recording = session.resolve() / RECORDING
     if not recording.exists():
         raise UsageError(f"{session} has no {RECORDING}: it was recorded without Rerun")
+    if recording.stat().st_size == 0:
+        raise CompanionError(f"{recording} is empty: the run ended before anything was recorded")
     if _is_whole(recording):
         return recording
     mended = recording.with_name(MENDED)
