@@ -67,7 +67,8 @@ class Obstacles:
         length_m = np.sqrt(np.square(end_m - start_m).sum(axis=0))
         covered = np.zeros_like(length_m)
         for part in _parts(len(length_m), len(self._pieces)):
-            covered[part] = self._pieces.covered(start_m[:, part], end_m[:, part])
+            pieces = self._pieces.rows(part)
+            covered[part] = pieces.covered(start_m[:, part], end_m[:, part])
         depth_m: FloatArray = covered * length_m
         return depth_m.reshape(shape)
 
@@ -114,7 +115,8 @@ class Obstacles:
         flat_m = _flat(position_m)
         floor_m = np.zeros(flat_m.shape[1])
         for part in _parts(len(floor_m), len(self._pieces)):
-            floor_m[part] = self._pieces.highest_roof(flat_m[0, part], flat_m[1, part])
+            pieces = self._pieces.rows(part)
+            floor_m[part] = pieces.highest_roof(flat_m[0, part], flat_m[1, part])
         return floor_m.reshape(position_m.shape[:-1])
 
     def horizontal_rays(
@@ -141,7 +143,7 @@ class Obstacles:
         ).reshape(2, -1, shape[-1])
         distance_m, roof_m = np.empty(direction.shape[1:]), np.empty(direction.shape[1:])
         for part in _parts(len(distance_m), len(self._pieces) * shape[-1]):
-            distance_m[part], roof_m[part] = self._pieces.cast(
+            distance_m[part], roof_m[part] = self._pieces.rows(part).cast(
                 flat_m[:, part], direction[:, part], range_m
             )
         return distance_m.reshape(shape), roof_m.reshape(shape)

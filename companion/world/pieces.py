@@ -65,6 +65,10 @@ class ConvexPieces:
     def __len__(self) -> int:
         return len(self.roof_m)
 
+    def rows(self, rows: slice | IntArray) -> "ConvexPieces":
+        """Return what ``rows`` of a batch can meet: here all of it, in an atlas of maps a part."""
+        return self
+
     def covered(self, start_m: FloatArray, end_m: FloatArray) -> FloatArray:
         """Return the fraction of each segment inside the union of the prisms, ``(N,)``.
 
