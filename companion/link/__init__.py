@@ -1,6 +1,7 @@
 """The MAVLink link: bytes on one side, ``companion.vehicle`` on the other.
 
 Reading order: ``address`` (URLs), ``transport`` (sockets and ports), ``codec`` (packets),
-``autopilots`` (what differs between PX4 and ArduPilot), ``telemetry`` and ``requests`` (state
-and commands, without I/O), ``discovery``, ``vehicle``.
+``connection`` (both together); ``autopilots`` (what differs between PX4 and ArduPilot),
+``messages`` (what we send); ``telemetry``, ``targets``, ``requests``, ``inbox``, ``housekeeping``
+and ``parameters`` (one concern each, time as an argument); ``discovery``, ``vehicle``.
 """

@@ -1,7 +1,7 @@
 """What differs between PX4 and ArduPilot, as answers to questions.
 
-Nothing else in the companion asks which firmware flies. Sources are the firmwares' own code and
-measurements on their simulators; see the README for the versions.
+Nothing else in the companion asks which firmware flies. The facts are from the firmwares' code and
+from measurements on ArduCopter 4.6.3 and PX4 1.18 in their simulators.
 """
 
 import math

@@ -13,6 +13,9 @@ VELOCITY_ONLY = 3527
 VELOCITY_AND_YAW = 2503
 """POSITION_TARGET_TYPEMASK: velocity and yaw obeyed, the rest ignored."""
 
+_FASTEST_MPS = 1000.0
+"""ArduPilot stops the vehicle on a component beyond this."""
+
 _AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 _NO_BYTES = bytes(8)
 
@@ -38,13 +41,16 @@ def velocity_setpoint(
     axis go: so neither is ever sent.
 
     Raises:
-        ValueError: If the velocity is not of shape ``(3,)``, or anything is not finite.
+        ValueError: If the velocity is not of shape ``(3,)`` or out of all bounds, or anything
+            is not finite.
     """
     if velocity_ned_mps.shape != (3,):
         raise ValueError(f"a velocity has shape (3,), got {velocity_ned_mps.shape}")
     north_mps, east_mps, down_mps = map(float, velocity_ned_mps)
-    if not math.isfinite(north_mps + east_mps + down_mps):
-        raise ValueError(f"a velocity must be finite, got {velocity_ned_mps}")
+    if not all(abs(mps) <= _FASTEST_MPS for mps in (north_mps, east_mps, down_mps)):
+        raise ValueError(
+            f"a velocity must be finite and within {_FASTEST_MPS:g} m/s, got {velocity_ned_mps}"
+        )
     if yaw_rad is not None and not math.isfinite(yaw_rad):
         raise ValueError(f"a yaw must be finite, got {yaw_rad}")
     return dialect.MAVLink_set_position_target_local_ned_message(

@@ -287,6 +287,8 @@ def test_a_setpoint_with_yaw(bench):
         ((0, math.inf, 0), None),
         ((0, 0, -math.inf), None),
         ((math.inf, -math.inf, 0), None),
+        ((0, 1e39, 0), None),
+        ((0, 0, -1000.1), None),
         ((0, 0, 0), math.nan),
         ((0, 0), None),
         ((0, 0, 0, 0), None),
