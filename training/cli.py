@@ -27,11 +27,13 @@ class Train:
     """paper: as literal as its errata allow; flight: what works."""
     map: str | None = None
     """Map file or name; by default free, or env1 for stage obstacles."""
+    cities: int | None = None
+    """Number of random cities to train on, instead of a map."""
     init: Path | None = None
     """Run folder whose networks to start from (transfer learning)."""
     seed: int = 0
     out: Path | None = None
-    """Run folder; by default runs/PRESET-MAP-seedN."""
+    """Run folder; by default runs/PRESET-PLACE-seedN."""
     resume: bool = False
     """Go on from the checkpoint in the run folder, to the same result."""
     layout: LayoutName | None = None
@@ -51,7 +53,7 @@ class Evaluate:
     map: str | None = None
     """Map file or name."""
     cities: int | None = None
-    """Number of random cities, instead of a map."""
+    """Number of random cities that no training has seen, instead of a map."""
     episodes: int = 1000
     seed: int = 0
     shield: bool = False

@@ -11,10 +11,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from companion.errors import UsageError
 from companion.policy.actor import Actor
-from companion.world.maps import load_map
 from training import cli
 from training.evaluate import Evaluation, as_json, evaluate_policy, fly_straight
 from training.export import command_line, git_revision
+from training.places import Place, content_hash
 from training.presets import load_preset
 from training.run_folder import RunFolder, RunRecord
 from training.train import export_run, resume_run, run, start_run, stop_on_signal
@@ -32,12 +32,12 @@ def train(options: "cli.Train", typed: str, *, now_s: Callable[[], float]) -> in
         UsageError: If the options contradict each other or the run folder.
     """
     torch.set_num_threads(1)  # layers this small lose more to a second thread than they gain
-    map_name = options.map or ("free" if options.stage == "free" else "env1")
-    folder = RunFolder(options.out or _default_folder(options, map_name))
+    place = _place(options)
+    folder = RunFolder(options.out or _default_folder(options, place))
     if options.resume:
         trainer = resume_run(folder)
     else:
-        trainer = start_run(_record(options, map_name, typed), folder)
+        trainer = start_run(_record(options, place, typed), folder)
     console = Console()
     console.print(f"run {folder.folder}: {trainer.updates} of {trainer.preset.updates} updates")
     with stop_on_signal() as stop, _reporter(console) as reporter:
@@ -57,23 +57,22 @@ def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float])
     Raises:
         UsageError: If the options contradict each other or ask for what is not there.
     """
-    if options.cities is not None:
-        raise UsageError("--cities is not available yet: no random cities, use --map")
     if options.shield:
         raise UsageError("--shield is not available yet: evaluate the policy alone")
-    if options.map is None:
-        raise UsageError("evaluate needs --map FILE|NAME")
+    place = Place(options.map, options.cities)
     if options.episodes < 1:
         raise UsageError(f"--episodes must be at least 1, got {options.episodes}")
     actor = Actor.load(options.actor)
-    city = load_map(options.map)
-    contract = actor.contract
-    actor.check_fits(city, contract.dynamics.v_max_mps or 0.0)
+    contract, maps = actor.contract, place.test_maps()
+    if len(maps) > options.episodes:
+        raise UsageError(f"--cities {len(maps)} needs at least as many --episodes")
+    for city in maps:
+        actor.check_fits(city, contract.dynamics.v_max_mps or 0.0)
 
     def count(policy: Any) -> Evaluation:
         return evaluate_policy(
             policy,
-            city,
+            maps,
             contract.layout,
             contract.action,
             episodes=options.episodes,
@@ -91,7 +90,8 @@ def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float])
             as_json(
                 result,
                 actor=actor.name,
-                map=city.name,
+                map=place.map,
+                cities=place.cities,
                 seed=options.seed,
                 moving=options.moving,
                 straight_completion_rate=floor,
@@ -113,11 +113,18 @@ def export(options: "cli.Export", *, now_s: Callable[[], float]) -> int:
     return 0
 
 
-def _default_folder(options: "cli.Train", map_name: str) -> Path:
-    return Path("runs") / f"{options.preset}-{Path(map_name).stem}-seed{options.seed}"
+def _place(options: "cli.Train") -> Place:
+    if options.cities is None and options.map is None:
+        return Place(map="free" if options.stage == "free" else "env1")
+    return Place(options.map, options.cities)
 
 
-def _record(options: "cli.Train", map_name: str, typed: str) -> RunRecord:
+def _default_folder(options: "cli.Train", place: Place) -> Path:
+    where = f"cities{place.cities}" if place.map is None else Path(place.map).stem
+    return Path("runs") / f"{options.preset}-{where}-seed{options.seed}"
+
+
+def _record(options: "cli.Train", place: Place, typed: str) -> RunRecord:
     preset = load_preset(
         options.preset,
         options.stage,
@@ -129,8 +136,9 @@ def _record(options: "cli.Train", map_name: str, typed: str) -> RunRecord:
         preset=preset.name,
         stage=preset.stage,
         layout=preset.layout_name,
-        map=map_name,
-        map_hash=load_map(map_name).content_hash,
+        map=place.map,
+        cities=place.cities,
+        map_hash=content_hash(place.training_maps()),
         seed=options.seed,
         updates=preset.updates,
         beta=preset.world.beta,

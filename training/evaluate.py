@@ -5,20 +5,20 @@ way, within T steps. Every case is one episode from its first step to its last; 
 replaced by a quicker one, so slow failures weigh as much as fast arrivals.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgspec
 import numpy as np
-from companion.world.maps import Map
 
-from companion.arrays import BoolArray, Float32Array, FloatArray
+from companion.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from companion.policy.action import (
     ActionScaling,
     bearing_to_target_rad,
     displacement_to_action,
 )
 from companion.policy.observation import Layout
+from companion.world.maps import Map
 from sim.episodes import EpisodeEnd
 from sim.world import CityWorld
 from training.seeds import Purpose, generator
@@ -72,7 +72,7 @@ def fly_straight(world: CityWorld, observation: Float32Array) -> FloatArray:
 
 def evaluate_policy(
     policy: Policy,
-    city: Map,
+    maps: Sequence[Map],
     layout: Layout,
     scaling: ActionScaling,
     *,
@@ -87,7 +87,7 @@ def evaluate_policy(
 
     Args:
         policy: What flies.
-        city: The map.
+        maps: Where; the cases are spread evenly over several.
         layout: What the policy sees.
         scaling: What its actions mean.
         episodes: How many cases, all flown at once.
@@ -99,7 +99,7 @@ def evaluate_policy(
     """
     began_s = now_s()
     world = CityWorld(
-        city,
+        maps,
         layout,
         scaling,
         episodes,
@@ -109,6 +109,7 @@ def evaluate_policy(
         target_motion="moving" if moving else "static",
     )
     observation = world.reset()
+    places = _worlds_by_map(world) if measure_clearance else ()
     clearance_m = np.full(episodes, np.inf)
     under_way: BoolArray = np.ones(episodes, dtype=np.bool_)
     for _ in range(HORIZON):
@@ -116,11 +117,10 @@ def evaluate_policy(
         result = world.step(policy(world, observation))
         observation = result.observation
         if measure_clearance:
-            rows = np.flatnonzero(under_way)
-            clearance_m[rows] = np.minimum(
-                clearance_m[rows],
-                _clearance_m(city, start_enu_m[rows], result.position_enu_m[rows]),
-            )
+            for city, worlds in places:
+                rows = worlds[under_way[worlds]]
+                step_m = _clearance_m(city, start_enu_m[rows], result.position_enu_m[rows])
+                clearance_m[rows] = np.minimum(clearance_m[rows], step_m)
             under_way &= ~(result.reached | result.contact)
     return _summarise(result.episode_end, clearance_m, seconds=now_s() - began_s)
 
@@ -136,6 +136,17 @@ def wilson_interval(rate: float, count: int) -> tuple[float, float]:
     centre = (rate + z2 / (2 * count)) / (1 + z2 / count)
     half = _Z_95 * np.sqrt(rate * (1 - rate) / count + z2 / (4 * count**2)) / (1 + z2 / count)
     return max(0.0, float(centre - half)), min(1.0, float(centre + half))
+
+
+def _worlds_by_map(world: CityWorld) -> list[tuple[Map, IntArray]]:
+    """Return every map with the worlds that lie on it."""
+    worlds: dict[str, list[int]] = {}
+    maps: dict[str, Map] = {}
+    for index in range(world.num_worlds):
+        city = world.map_of(index)
+        maps[city.name] = city
+        worlds.setdefault(city.name, []).append(index)
+    return [(maps[name], np.array(rows)) for name, rows in worlds.items()]
 
 
 def _clearance_m(city: Map, start_enu_m: FloatArray, end_enu_m: FloatArray) -> FloatArray:

@@ -166,7 +166,7 @@ _PAPER_FREE = Preset(
 _FLIGHT_FREE = Preset(
     name="flight",
     stage="free",
-    layout_name="relative",
+    layout_name="rays",
     ddpg=DdpgOptions(pre_activation_penalty=0.001, twin_critics=True),
     lr_final=0.05,
     updates=6_000,
@@ -190,7 +190,7 @@ PRESETS: dict[tuple[PresetName, StageName], Preset] = {
         epsilon_end=0.02,
         exploration_noise=0.05,
         num_worlds=256,
-        updates=100_000,
+        updates=30_000,
         validate_every=2_500,
     ),
 }

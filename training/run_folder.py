@@ -19,7 +19,10 @@ class RunRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     preset: PresetName
     stage: StageName
     layout: LayoutName
-    map: str
+    map: str | None
+    """Name or file of the one map,"""
+    cities: int | None
+    """or how many random cities."""
     map_hash: str
     seed: int
     updates: int

@@ -17,10 +17,10 @@ from companion.policy.contract import (
     MapContract,
     ObservationContract,
 )
-from companion.world.maps import Map, load_map
 from training.evaluate import evaluate_policy, fly_straight
 from training.export import export_actor
 from training.networks import ActorNetwork
+from training.places import TEST_CITIES, Place, content_hash
 from training.presets import Preset, load_preset
 from training.run_folder import RunFolder, RunRecord
 from training.seeds import Purpose
@@ -65,8 +65,8 @@ def resume_run(folder: RunFolder) -> Trainer:
     """
     record = folder.read_record()
     trainer = _build(record)
-    if trainer.city.content_hash != record.map_hash:
-        raise UsageError(f"map {record.map} has changed since {folder.folder} was started")
+    if content_hash(trainer.maps) != record.map_hash:
+        raise UsageError(f"what {trainer.place.label} means has changed since {folder.folder}")
     state = folder.load_checkpoint()
     trainer.load_state_dict(state["trainer"])
     folder.cut_log(state["log_size"])
@@ -138,8 +138,10 @@ def export_run(folder: RunFolder, path: Path, *, now_s: Callable[[], float]) -> 
         raise UsageError(f"{folder.folder}: no actor was validated yet, train on with --resume")
     network: ActorNetwork = trainer.learner.actor
     network.load_state_dict(trainer.best.network)
-    evaluation = _test(trainer.preset, trainer.city, network, path.stem, now_s)
-    return export_actor(network, contract_of(record, trainer, (evaluation,)), path)
+    evaluation = tuple(
+        _test(trainer.preset, place, network, path.stem, now_s) for place in _test_places(trainer)
+    )
+    return export_actor(network, contract_of(record, trainer, evaluation), path)
 
 
 def contract_of(
@@ -147,18 +149,21 @@ def contract_of(
 ) -> Contract:
     """Return what flight must know of the actors of a run.
 
-    An actor trained without obstacles is free of maps; one trained among obstacles that its
-    layout does not show has learnt them by heart and is bound to their map.
+    An actor trained on one map with obstacles is bound to it: it has learnt them by heart, or
+    at least has never been proven elsewhere. One trained without obstacles, or on cities that
+    its layout shows, is free of maps.
     """
-    edge_m = trainer.city.edge_m
-    bound = record.stage == "obstacles"
+    edge_m = trainer.world.edge_m
+    city = trainer.maps[0]
+    among_obstacles = record.stage == "obstacles"
+    bound = among_obstacles and record.cities is None
     low, high = (1.0, 1.0) if bound else _FREE_EDGES
     return Contract(
         observation=ObservationContract.of(trainer.preset.layout),
         action=trainer.preset.scaling,
         dynamics=DynamicsContract(edge_m, edge_m * low, edge_m * high),
-        map=MapContract(trainer.city.name, trainer.city.content_hash) if bound else None,
-        avoids_obstacles=bound,
+        map=MapContract(city.name, city.content_hash) if bound else None,
+        avoids_obstacles=among_obstacles,
         preset=record.preset,
         stage=record.stage,
         seed=record.seed,
@@ -195,7 +200,12 @@ def _build(record: RunRecord) -> Trainer:
         updates=record.updates,
         beta=record.beta,
     )
-    return Trainer(preset, load_map(record.map), record.seed)
+    place = Place(record.map, record.cities)
+    if place.cities is not None and not preset.layout.sees_obstacles:
+        raise UsageError(
+            f"layout {preset.layout_name} shows no obstacles: it learns one --map only"
+        )
+    return Trainer(preset, place, record.seed)
 
 
 def _transfer(trainer: Trainer, source: RunFolder) -> None:
@@ -215,16 +225,23 @@ def _transfer(trainer: Trainer, source: RunFolder) -> None:
         ) from error
 
 
+def _test_places(trainer: Trainer) -> list[Place]:
+    """Return where to prove an actor: on its own map, or on cities and maps it has never seen."""
+    if trainer.place.cities is None:
+        return [trainer.place]
+    return [Place(cities=TEST_CITIES), Place(map="env1"), Place(map="env2")]
+
+
 def _test(
-    preset: Preset, city: Map, network: ActorNetwork, name: str, now_s: Callable[[], float]
+    preset: Preset, where: Place, network: ActorNetwork, name: str, now_s: Callable[[], float]
 ) -> EvaluationRecord:
     cases: dict[str, Any] = {"episodes": TEST_EPISODES, "seed": TEST_SEED, "now_s": now_s}
-    place = (city, preset.layout, preset.scaling)
+    place = (where.test_maps(), preset.layout, preset.scaling)
     result = evaluate_policy(network_policy(network), *place, purpose=Purpose.TEST, **cases)
     straight = evaluate_policy(fly_straight, *place, purpose=Purpose.TEST, **cases)
     low, high = result.completion_rate_ci95
     return EvaluationRecord(
-        map_name=city.name,
+        map_name=where.map or f"{where.cities} cities",
         episodes=TEST_EPISODES,
         seed=TEST_SEED,
         completion_rate=result.completion_rate,
@@ -235,7 +252,7 @@ def _test(
         collision_rate=result.collision_rate,
         timeout_rate=result.timeout_rate,
         straight_completion_rate=straight.completion_rate,
-        command=f"training evaluate --actor {name} --map {city.name} "
+        command=f"training evaluate --actor {name} {where.label} "
         f"--episodes {TEST_EPISODES} --seed {TEST_SEED}",
     )
 

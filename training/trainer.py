@@ -7,11 +7,11 @@ import numpy as np
 import torch
 
 from companion.arrays import Float32Array, FloatArray
-from companion.world.maps import Map
 from sim.world import CityWorld
 from training.ddpg import Ddpg
 from training.evaluate import Evaluation, Policy, evaluate_policy
 from training.networks import ActorNetwork
+from training.places import Place
 from training.presets import Preset
 from training.replay_buffer import MultiStep, ReplayBuffer
 from training.seeds import Purpose, generator
@@ -23,15 +23,16 @@ SATURATED = 0.98
 class Trainer:
     """One run: worlds, buffer and learner, with everything that a checkpoint must hold."""
 
-    def __init__(self, preset: Preset, city: Map, seed: int) -> None:
+    def __init__(self, preset: Preset, place: Place, seed: int) -> None:
         self.preset = preset
-        self.city = city
+        self.place = place
+        self.maps = place.training_maps()
         self.seed = seed
         self.updates = 0
         self.steps = 0
         options = preset.world
         self.world = CityWorld(
-            city,
+            self.maps,
             preset.layout,
             preset.scaling,
             preset.num_worlds,
@@ -98,12 +99,13 @@ class Trainer:
 
     def validate(self, now_s: Callable[[], float]) -> dict[str, Evaluation]:
         """Evaluate the actor and its average on validation cases; keep the best ever seen."""
+        maps = self.place.validation_maps()
         networks = {"actor": self.learner.actor, "actor_average": self.learner.actor_average}
         results: dict[str, Evaluation] = {}
         for name, network in networks.items():
             results[name] = evaluate_policy(
                 network_policy(network),
-                self.city,
+                maps,
                 self.preset.layout,
                 self.preset.scaling,
                 episodes=self.preset.validation_episodes,

@@ -52,6 +52,8 @@ class Layout:
     fields: tuple[Field, ...]
     fill: Callable[[Float32Array, Situation], None]
     """Writes the columns into its first argument, shape ``(..., len(fields))``."""
+    sees_obstacles: bool = False
+    """Whether columns tell of obstacles; else an actor can only learn a map by heart."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -189,6 +191,7 @@ RAYS = Layout(
         ),
     ),
     fill=_fill_rays,
+    sees_obstacles=True,
 )
 """What surrounds the vehicle, turned so that the target lies ahead: good for any map.
 
