@@ -13,7 +13,7 @@ import numpy as np
 
 from companion.arrays import BoolArray, FloatArray, IntArray
 from companion.world.maps import Map
-from sim.sampling import sample_free
+from sim.sampling import MapUnder, sample_free_under
 
 VERTICES = 24
 """A circle of 24 chords is nowhere more than 0.9 % of its radius off."""
@@ -107,31 +107,42 @@ def random_paths(
     Raises:
         MapError: If the map has next to no free space.
     """
-    vertex_enu_m = np.empty((count, VERTICES, 3))
-    missing: IntArray = np.arange(count)
+    return random_paths_under(lambda _: city, rng, np.arange(count), speed_mps=speed_mps)
+
+
+def random_paths_under(
+    map_under: MapUnder, rng: np.random.Generator, rows: IntArray, *, speed_mps: tuple[float, float]
+) -> TargetPaths:
+    """Draw a trajectory for each of ``rows``, as ``random_paths`` does for one map."""
+    vertex_enu_m = np.empty((len(rows), VERTICES, 3))
+    missing: IntArray = np.arange(len(rows))
     for _ in range(_ROUNDS):
-        candidates = _candidates(city, rng, len(missing))
-        clear = stays_clear(city, candidates)
-        vertex_enu_m[missing[clear]] = candidates[clear]
-        missing = missing[~clear]
         if len(missing) == 0:
             break
-    else:
-        vertex_enu_m[missing] = sample_free(city, rng, len(missing))[:, None, :]
-    return TargetPaths.through(vertex_enu_m, rng.uniform(*speed_mps, count))
+        start_enu_m = sample_free_under(map_under, rng, rows[missing])
+        candidates = _paths_from(start_enu_m, map_under(rows[missing]).edge_m, rng)
+        corners = np.repeat(rows[missing], VERTICES)
+        clear = _stay_clear(map_under(corners), candidates)
+        vertex_enu_m[missing[clear]] = candidates[clear]
+        missing = missing[~clear]
+    vertex_enu_m[missing] = sample_free_under(map_under, rng, rows[missing])[:, None, :]
+    return TargetPaths.through(vertex_enu_m, rng.uniform(*speed_mps, len(rows)))
 
 
-def stays_clear(city: Map, vertex_enu_m: FloatArray) -> BoolArray:
+def _stay_clear(city: Map, vertex_enu_m: FloatArray) -> BoolArray:
     """Return which closed polylines ``(N, K, 3)`` stay in the map and cross no obstacle."""
-    depth_m = city.obstacles.crash_depth_m(vertex_enu_m, np.roll(vertex_enu_m, -1, axis=1))
-    clear: BoolArray = np.all(city.contains(vertex_enu_m) & (depth_m == 0.0), axis=1)
-    return clear
+    start_enu_m = vertex_enu_m.reshape(-1, 3)
+    end_enu_m = np.roll(vertex_enu_m, -1, axis=1).reshape(-1, 3)
+    clear = city.obstacles.crash_depth_m(start_enu_m, end_enu_m) == 0.0
+    clear &= city.contains(start_enu_m)
+    whole: BoolArray = np.all(clear.reshape(vertex_enu_m.shape[:2]), axis=1)
+    return whole
 
 
-def _candidates(city: Map, rng: np.random.Generator, count: int) -> FloatArray:
-    """Return random polylines through free points, shape ``(count, VERTICES, 3)``."""
-    start_enu_m = sample_free(city, rng, count)
-    reach_m = rng.uniform(*_REACH, count) * city.edge_m
+def _paths_from(start_enu_m: FloatArray, edge_m: float, rng: np.random.Generator) -> FloatArray:
+    """Return random polylines from free points ``(N, 3)``, shape ``(N, VERTICES, 3)``."""
+    count = len(start_enu_m)
+    reach_m = rng.uniform(*_REACH, count) * edge_m
     kind = rng.integers(3, size=count)
 
     vertex_enu_m = np.repeat(start_enu_m[:, None, :], VERTICES, axis=1)

@@ -1,25 +1,20 @@
 """The maps under the worlds: one for all, or several with a run of worlds on each."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from companion.arrays import Float32Array, FloatArray, IntArray
-from companion.policy.observation import Layout, build_observation
+from companion.arrays import FloatArray, IntArray
 from companion.world.maps import Map
-from sim.sampling import sample_free
-from sim.targets import TargetPaths, random_paths
+from sim.atlas import Atlas
 
 
 class Terrain:
-    """What ``num_worlds`` worlds ask of their maps.
-
-    World ``i`` lies on map ``i * len(maps) // num_worlds``. The only loops run over maps.
-    Arrays have one row for each entry of ``worlds``, which must ascend.
+    """What lies under ``num_worlds`` worlds; they are spread evenly over the maps, in order.
 
     Raises:
-        ValueError: If there is no map, or more maps than worlds, or if the maps differ in
-            size or edge.
+        ValueError: If there is no map, or more maps than worlds, or if the maps differ in size.
     """
 
     def __init__(self, maps: Sequence[Map], num_worlds: int) -> None:
@@ -30,75 +25,29 @@ class Terrain:
             )
         first = maps[0]
         for other in maps[1:]:
-            if other.edge_m != first.edge_m or not np.array_equal(other.size_m, first.size_m):
+            if not np.array_equal(other.size_m, first.size_m):
                 raise ValueError(
                     f"maps {first.name} and {other.name} differ in size: {first.size_m} and "
                     f"{other.size_m} m; worlds stepped together must agree"
                 )
         self.maps = tuple(maps)
-        self.size_m = first.size_m
+        self.size_m: FloatArray = first.size_m
         self.edge_m = first.edge_m
         self.all_worlds: IntArray = np.arange(num_worlds)
-        self._first_worlds = -(-np.arange(len(maps) + 1) * num_worlds // len(maps))
-        self._all_parts = tuple(self._cut(self.all_worlds))
+        self._map_of_world: IntArray = self.all_worlds * len(maps) // num_worlds
+        self._atlas = Atlas.under(maps, self._map_of_world) if len(maps) > 1 else None
+        self.whole = self._over(self._atlas)
+        """The map under all worlds: row ``i`` of a query to it belongs to world ``i``."""
 
     def map_of(self, world: int) -> Map:
         """Return the map under one world."""
-        return self.maps[int(np.searchsorted(self._first_worlds, world, side="right")) - 1]
+        return self.maps[int(self._map_of_world[world])]
 
-    def crash_depth_m(self, start_enu_m: FloatArray, end_enu_m: FloatArray) -> FloatArray:
-        """Return the length of every world's segment inside its obstacles, ``(N,)``."""
-        depth_m = np.empty(len(start_enu_m))
-        for city, rows in self._all_parts:
-            depth_m[rows] = city.obstacles.crash_depth_m(start_enu_m[rows], end_enu_m[rows])
-        return depth_m
+    def under(self, worlds: IntArray) -> Map:
+        """Return the map under some worlds: row ``i`` of a query belongs to ``worlds[i]``."""
+        return self.whole if self._atlas is None else self._over(self._atlas.take(worlds))
 
-    def observe(
-        self,
-        layout: Layout,
-        worlds: IntArray,
-        *,
-        position_enu_m: FloatArray,
-        velocity_enu_mps: FloatArray,
-        target_enu_m: FloatArray,
-    ) -> Float32Array:
-        """Return the observations of ``worlds``, ``(len(worlds), n)``."""
-        observation = np.empty((len(worlds), len(layout.fields)), dtype=np.float32)
-        for city, rows in self._parts(worlds):
-            observation[rows] = build_observation(
-                layout,
-                position_enu_m=position_enu_m[rows],
-                velocity_enu_mps=velocity_enu_mps[rows],
-                target_enu_m=target_enu_m[rows],
-                map=city,
-            )
-        return observation
-
-    def sample_free(self, worlds: IntArray, rng: np.random.Generator) -> FloatArray:
-        """Return a free point for each of ``worlds``, ``(len(worlds), 3)``."""
-        position_enu_m = np.empty((len(worlds), 3))
-        for city, rows in self._parts(worlds):
-            position_enu_m[rows] = sample_free(city, rng, rows.stop - rows.start)
-        return position_enu_m
-
-    def sample_paths(
-        self, worlds: IntArray, rng: np.random.Generator, speed_mps: tuple[float, float]
-    ) -> TargetPaths:
-        """Return a trajectory clear of obstacles for each of ``worlds``."""
-        paths = TargetPaths.unset(len(worlds))
-        for city, rows in self._parts(worlds):
-            count = rows.stop - rows.start
-            paths.put(rows, random_paths(city, rng, count, speed_mps=speed_mps))
-        return paths
-
-    def _parts(self, worlds: IntArray) -> Sequence[tuple[Map, slice]]:
-        if len(worlds) == len(self.all_worlds):
-            return self._all_parts
-        return tuple(self._cut(worlds))
-
-    def _cut(self, worlds: IntArray) -> Iterator[tuple[Map, slice]]:
-        """Yield each map that has some of ``worlds``, with their rows."""
-        cuts = np.searchsorted(worlds, self._first_worlds).tolist()
-        for city, start, stop in zip(self.maps, cuts[:-1], cuts[1:], strict=True):
-            if start < stop:
-                yield city, slice(start, stop)
+    def _over(self, atlas: Atlas | None) -> Map:
+        if atlas is None:
+            return self.maps[0]
+        return replace(self.maps[0], name=f"one of {len(self.maps)} maps", obstacles=atlas)

@@ -20,12 +20,13 @@ from companion.policy.action import (
     action_to_velocity_mps,
     bearing_to_target_rad,
 )
-from companion.policy.observation import Layout
+from companion.policy.observation import Layout, build_observation
 from companion.world.maps import Map
 from sim.dynamics import Disturbance, VelocityLag, clip_to_box, follow_velocity, stop_at_walls
 from sim.episodes import EpisodeEnd, Episodes
 from sim.reward import BETA, check_beta, step_reward
-from sim.targets import TargetMotion, TargetPaths
+from sim.sampling import sample_free_under
+from sim.targets import TargetMotion, TargetPaths, random_paths_under
 from sim.terrain import Terrain
 
 
@@ -199,7 +200,7 @@ class CityWorld:
         ended = np.flatnonzero(terminated | truncated)
 
         # Nothing below writes into arrays handed out here: a restart works on copies.
-        next_observation = self._observe(self._terrain.all_worlds)
+        next_observation = self._observe()
         observation = next_observation
         before = (self._position_enu_m, self._velocity_enu_mps, self._target_enu_m)
         reached = self._episodes.reached.copy()
@@ -253,7 +254,7 @@ class CityWorld:
         for name, array in self._arrays().items():
             array[...] = state["arrays"][name]
         self._rng.bit_generator.state = state["rng"]
-        return self._observe(self._terrain.all_worlds)
+        return self._observe()
 
     def _arrays(self) -> dict[str, npt.NDArray[Any]]:
         return {
@@ -304,7 +305,7 @@ class CityWorld:
         start_enu_m = self._position_enu_m
         self._position_enu_m = clip_to_box(start_enu_m + displacement_enu_m, self.size_m)
         return (
-            self._terrain.crash_depth_m(start_enu_m, self._position_enu_m),
+            self._terrain.whole.obstacles.crash_depth_m(start_enu_m, self._position_enu_m),
             _length(self._position_enu_m - start_enu_m),
         )
 
@@ -318,29 +319,36 @@ class CityWorld:
 
     def _restart(self, worlds: IntArray) -> Float32Array:
         """Open new episodes in ``worlds`` and return their observations."""
-        self._position_enu_m[worlds] = self._terrain.sample_free(worlds, self._rng)
+        under = self._terrain.under
+        self._position_enu_m[worlds] = sample_free_under(under, self._rng, worlds)
         self._velocity_enu_mps[worlds] = 0.0
         if self.wind is not None:
             self._gust_enu_mps[worlds] = self.wind.sample(self._rng, (len(worlds), 3))
-        paths = (
-            self._terrain.sample_paths(worlds, self._rng, self._target_speed_mps)
-            if self.target_motion is TargetMotion.MOVING
-            else TargetPaths.resting(self._terrain.sample_free(worlds, self._rng))
-        )
+        if self.target_motion is TargetMotion.MOVING:
+            speed_mps = self._target_speed_mps
+            paths = random_paths_under(under, self._rng, worlds, speed_mps=speed_mps)
+        else:
+            paths = TargetPaths.resting(sample_free_under(under, self._rng, worlds))
         self._paths.put(worlds, paths)
         self._target_enu_m[worlds] = paths.vertex_enu_m[:, 0]
         self._episodes.start(
             worlds, _length(self._target_enu_m[worlds] - self._position_enu_m[worlds])
         )
-        return self._observe(worlds)
-
-    def _observe(self, worlds: IntArray) -> Float32Array:
-        return self._terrain.observe(
+        return build_observation(
             self.layout,
-            worlds,
             position_enu_m=self._position_enu_m[worlds],
             velocity_enu_mps=self._velocity_enu_mps[worlds],
             target_enu_m=self._target_enu_m[worlds],
+            map=under(worlds),
+        )
+
+    def _observe(self) -> Float32Array:
+        return build_observation(
+            self.layout,
+            position_enu_m=self._position_enu_m,
+            velocity_enu_mps=self._velocity_enu_mps,
+            target_enu_m=self._target_enu_m,
+            map=self._terrain.whole,
         )
 
 

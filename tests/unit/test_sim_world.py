@@ -40,6 +40,7 @@ every_world = pytest.mark.parametrize(
         pytest.param("paper", PAPER_SCALING, {}, id="paper"),
         pytest.param("paper", PAPER_SCALING, {"target_motion": "moving"}, id="moving"),
         pytest.param("relative", TARGET_SCALING, FLIGHT, id="flight"),
+        pytest.param("rays", TARGET_SCALING, FLIGHT, id="rays"),
     ],
 )
 
@@ -346,6 +347,32 @@ def test_substeps_change_the_chords_not_the_way(city):
         world.step(NORTH[None])
         ways.append(world.step(EAST[None]).position_enu_m)
     np.testing.assert_allclose(ways[0], ways[1], atol=1e-9)
+
+
+@every_world
+def test_worlds_on_several_maps_are_those_on_one(city, layout, scaling, options):
+    options = options | {"restart_probability": 0.0, "wind": None, "horizon": 100}
+    maps = [city, load_map("env1"), load_map("env2")]
+    together = make_world(maps, 9, 5, layout, scaling, **options)
+    state = together.state_dict()
+    actions = random_actions(15, 9)
+    running = np.ones(9, dtype=bool)
+    alone = []
+    for i in range(9):
+        world = make_world(together.map_of(i), 1, 0, layout, scaling, **options)
+        row = {name: array[i : i + 1] for name, array in state["arrays"].items()}
+        world.load_state_dict({"arrays": row, "rng": state["rng"]})
+        alone.append(world)
+    for action in actions:
+        result = together.step(action)
+        for i in np.flatnonzero(running):
+            one = alone[i].step(action[i : i + 1])
+            np.testing.assert_allclose(one.reward[0], result.reward[i], rtol=1e-9, atol=1e-12)
+            np.testing.assert_allclose(
+                one.next_observation[0], result.next_observation[i], atol=1e-6
+            )
+        running &= ~(result.terminated | result.truncated)
+    assert running.any()
 
 
 def test_several_maps_each_under_its_own_worlds(city, tmp_path):
