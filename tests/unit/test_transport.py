@@ -76,8 +76,8 @@ def free_port(kind=socket.SOCK_DGRAM):
 def receive(transport, size=1):
     """Wait for at least ``size`` bytes; give up after two seconds."""
     received = []
-    end_s = time.monotonic() + 2.0  # noqa: TID251
-    while sum(len(data) for _, data in received) < size and time.monotonic() < end_s:  # noqa: TID251
+    end_s = time.monotonic() + 2.0
+    while sum(len(data) for _, data in received) < size and time.monotonic() < end_s:
         transport.wait(0.1)
         received += transport.receive()
     return received
