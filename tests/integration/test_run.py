@@ -1,4 +1,4 @@
-"""``companion run`` as people use it: real processes, real sockets, the mock vehicle's own verdict."""
+"""``companion run`` as people use it: real processes and sockets, the mock's own verdict."""
 
 import json
 import re
