@@ -68,7 +68,7 @@ def _read(path: Path) -> str:
     if len(data) > MAX_FILE_BYTES:
         raise MapError(f"larger than {MAX_FILE_BYTES // 1024} KiB, this is no map")
     try:
-        return data.decode("utf-8")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise MapError(f"not UTF-8 text (byte {error.start})") from error
 
@@ -89,12 +89,14 @@ def _parse(text: str) -> Any:
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """Plain YAML: no key twice, no aliases (a few nested ones can stand for a terabyte)."""
+    """Plain YAML: no key twice, no tags, no aliases (a few nested ones stand for a terabyte)."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        if self.check_event(yaml.AliasEvent):
-            mark = self.get_mark()
-            raise yaml.composer.ComposerError(None, None, "aliases are not allowed in a map", mark)
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        if isinstance(event, yaml.AliasEvent) or event.tag is not None:
+            raise yaml.composer.ComposerError(
+                None, None, "aliases and tags are not allowed in a map", event.start_mark
+            )
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:

@@ -102,6 +102,9 @@ def build_map(
         )
     if not name.strip() or not name.isprintable():
         raise MapError(f"name must be printable and not empty, got {name!r}")
+    description = " ".join(description.split())
+    if not description.isprintable():
+        raise MapError(f"description must be printable, got {description!r}")
     footprints = tuple(
         check_footprint(f"obstacles[{index}]", footprint, height_m, size)
         for index, (footprint, height_m) in enumerate(zip(footprints_m, heights_m, strict=True))
@@ -111,7 +114,7 @@ def build_map(
         _check_origin(origin)
     built = Map(
         name=name,
-        description=" ".join(description.split()),
+        description=description,
         size_m=size,
         edge_m=float(size[:2].max()),
         obstacles=Obstacles(footprints, heights_m),
@@ -147,7 +150,9 @@ def load_map(path_or_name: str | Path) -> Map:
     try:
         return _from_file(read_map_file(path))
     except MapError as error:
-        raise MapError(f"cannot load map {path}: {error}") from error
+        # A file may hold anything, and its keys end up in the message.
+        problem = "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in str(error))
+        raise MapError(f"cannot load map {path}: {problem}") from error
 
 
 def bundled_maps() -> list[str]:
