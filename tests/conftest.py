@@ -6,8 +6,13 @@ import lzma
 import struct
 from pathlib import Path
 
+import hypothesis
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+# A busy machine is slow now and then; that is no failure.
+hypothesis.settings.register_profile("patient", deadline=None)
+hypothesis.settings.load_profile("patient")
 
 DATA = Path(__file__).parent / "data"
 
