@@ -13,7 +13,7 @@ GOOD = RunConfig(connect="udp:0.0.0.0:14540")
 
 def test_the_defaults_move_nothing():
     GOOD.check()
-    assert not (GOOD.engage or GOOD.arm or GOOD.takeoff or GOOD.shadow)
+    assert not any((GOOD.engage, GOOD.arm, GOOD.takeoff, GOOD.shadow))
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,8 @@ def write(tmp_path, text):
 
 
 def test_file_holds_the_same_options(tmp_path):
-    path = write(tmp_path, "connect: mock:px4\nmap: env1\ntarget: [80, 80, 20]\nv-max: 4\narm: true")
+    text = "connect: mock:px4\nmap: env1\ntarget: [80, 80, 20]\nv-max: 4\narm: true"
+    path = write(tmp_path, text)
     config = load_run_config(path)
     assert (config.map, config.v_max, config.arm) == ("env1", 4.0, True)
     np.testing.assert_array_equal(config.target_enu_m(), [80.0, 80.0, 20.0])
