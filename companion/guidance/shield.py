@@ -213,9 +213,12 @@ class Shield:
             reason = ShieldReason.EMERGENCY
 
         # The fan is a good deal dearer than the walls and seldom nearer: only where they fail.
-        walled = within_walls(proposal, *scene.walls(proposal, out_mps))
-        for more in (walled, fan(proposal, self.limits.restore_max_mps)):
-            candidates = self._limited(np.concatenate((proposal[None], more)))
+        sources = (
+            lambda: within_walls(proposal, *scene.walls(proposal, out_mps)),
+            lambda: fan(proposal, self.limits.restore_max_mps),
+        )
+        for source in sources:
+            candidates = self._limited(np.concatenate((proposal[None], source())))
             leads = (candidates @ normal.T >= out_mps - _CHANGED_MPS) | (out_mps == 0.0)
             bearable_m = keep_m - lost_m - np.where(lost_m > 0.0, _ALIKE_M, 0.0)
             safe = leads.all(axis=1) & ~scene.entered(candidates, bearable_m).any(axis=1)
