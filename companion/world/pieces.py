@@ -193,13 +193,14 @@ def _clip(start_outside: FloatArray, end_outside: FloatArray) -> tuple[FloatArra
         Fractions of the segments before they enter and after they leave, ``(P,)``. A sum above 1
         means that they never enter.
     """
-    approach = start_outside - end_outside
     # Along or away from a wall, dividing by zero gives +inf outside: never in; -inf inside: no
-    # limit; nan on the wall, which fmax skips: no limit either, the set is closed.
+    # limit; nan on the wall, which fmax skips: no limit either, the set is closed. Both ways are
+    # differences: a negated zero would turn the infinities around.
+    approach = np.maximum(start_outside - end_outside, 0.0)
+    retreat = np.maximum(end_outside - start_outside, 0.0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        before = np.fmax.reduce(start_outside / np.maximum(approach, 0.0), axis=0, initial=0.0)
-        np.negative(approach, out=approach)
-        after = np.fmax.reduce(end_outside / np.maximum(approach, 0.0), axis=0, initial=0.0)
+        before = np.fmax.reduce(start_outside / approach, axis=0, initial=0.0)
+        after = np.fmax.reduce(end_outside / retreat, axis=0, initial=0.0)
     return before, after
 
 

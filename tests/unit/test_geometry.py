@@ -296,7 +296,7 @@ def test_nearest_surface_is_as_far_as_the_distance_says(seed, point):
 
 @given(st.integers(0, 30), points, points)
 def test_signed_distance_never_grows_faster_than_one_moves(seed, first, second):
-    """Outside; deep in overlaps it may jump, and no one relies on it there."""
+    """Inside, outside, in overlaps and over roofs: the shield relies on it."""
     obstacles = Obstacles(*random_city(seed, count=3))
     first, second = 8.0 * np.array(first) + 10.0, 8.0 * np.array(second) + 10.0
     here, there = obstacles.signed_distance_m(np.stack((first, second)))
