@@ -75,6 +75,18 @@ def test_stable_baselines3_accepts_it():
     assert [str(warning.message) for warning in caught] == []
 
 
+@pytest.fixture
+def one_thread():
+    """Networks this small only wait for each other on more threads."""
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.mark.usefixtures("one_thread")
 def test_stable_baselines3_trains_on_it():
     from stable_baselines3 import DDPG
 
