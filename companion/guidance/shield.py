@@ -17,13 +17,15 @@ The shield is pure: it remembers nothing, reads no clock and draws no random num
 - a vehicle no slower to follow than ``lag_s`` and ``brake_mps2``, quicker is fine;
 - to be asked every ``period_s`` and obeyed within ``reaction_s``.
 
-It does not cover moving obstacles, other aircraft, a vehicle that does not obey, winds that the
-autopilot cannot hold, or getting out of dead ends: a vehicle that waits in front of a wall because
-the policy wants through it is ``BLOCKED``, and it is for the supervisor to end that. Streets
-narrower than twice the margin are not closed, but nothing can lead out of the margin there: a
-vehicle in one flies in it, one outside does not enter.
+It does not cover moving obstacles, other aircraft, a vehicle that does not obey, the time after the
+stream of setpoints ends (the autopilot flies on for a while: DESIGN 5.5), or winds that the
+autopilot cannot hold: a drift of ``w`` costs ``restore_s * w`` of the margin. It does not plan: a
+vehicle that waits in front of a wall because the policy wants straight through it is ``BLOCKED``.
+The margin never shrinks by itself: a vehicle outside a street narrower than twice the margin does
+not enter it, one that is inside may fly along it but no nearer to either wall.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -43,7 +45,7 @@ _CHANGED_MPS = 1e-6
 _BELIEVABLE = 1e5
 """No vehicle is farther from its map (m) than this, nor faster (m/s)."""
 _ALIKE_M = 0.05
-"""Where nothing keeps the margin: losses that differ by less count as equal."""
+"""Where the margin is lost anyway: losses that differ by less count as equal."""
 _INSIDE_M = 0.05
 """So little inside a margin goes without saying: a vehicle that slides along it wavers."""
 _EMERGENCY_SHARE = 0.5
@@ -63,7 +65,8 @@ class ShieldReason(StrEnum):
     LEADING_OUT = "inside the margin"
     """Too near to an obstacle, to the ground or to the edge already: back, or no nearer."""
     BLOCKED = "blocked"
-    """What is safe of the proposal is next to nothing; the vehicle waits."""
+    """What is safe of the proposal is next to nothing; the vehicle waits. It may wait for ever:
+    that is for the supervisor to notice."""
     EMERGENCY = "emergency"
     """Nothing keeps the margin; what keeps the most of it is flown."""
     NOT_FINITE = "proposal is not finite"
@@ -92,11 +95,12 @@ class ShieldLimits:
     """PX4 MPC_Z_VEL_MAX_UP."""
     descent_max_mps: float = 1.5
     """PX4 MPC_Z_VEL_MAX_DN, ArduPilot WPNAV_SPEED_DN."""
-    lag_s: float = 0.6
-    """Time constant of the velocity loop: 0.58 s measured on ArduCopter 4.6, 0.76 s on PX4 1.18
-    toward what it settles to."""
+    lag_s: float = 0.8
+    """Time constant of the velocity loop; 0.58 s was measured on ArduCopter 4.6 and 0.76 s on PX4
+    1.18. Too large is safe, too small is not."""
     brake_mps2: float = 1.6
-    """Deceleration seen when the stream of setpoints ends: 1.5 to 1.7 on both."""
+    """Deceleration seen when the stream of setpoints ends: 1.5 to 1.7 on both. Too small is
+    safe, too large is not."""
     period_s: float = 0.05
     """Of the control loop."""
     reaction_s: float = 0.1
@@ -213,7 +217,7 @@ class Shield:
             reason = ShieldReason.EMERGENCY
 
         # The fan is a good deal dearer than the walls and seldom nearer: only where they fail.
-        sources = (
+        sources: tuple[Callable[[], FloatArray], ...] = (
             lambda: within_walls(proposal, *scene.walls(proposal, out_mps)),
             lambda: fan(proposal, self.limits.restore_max_mps),
         )
@@ -237,7 +241,8 @@ class Shield:
         """Return what is within reach, ``None`` if nothing is."""
         every = self._hazards
         plane_m = every.plane_distance_m(position)
-        fastest_mps = np.sqrt(max(float(proposal @ proposal), float(velocity_now @ velocity_now)))
+        squares = (float(proposal @ proposal), float(velocity_now @ velocity_now))
+        fastest_mps = max(*np.sqrt(squares), self.limits.restore_max_mps)
         reach_m = fastest_mps * self._follow_s + self._braking.stopping_distance_m(fastest_mps)
         near = plane_m.max(axis=1) - every.keep_m < reach_m
         if not near.any():
