@@ -1,5 +1,6 @@
 """Map files: the bundled ones, and what a stranger reads when theirs is wrong."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -348,6 +349,12 @@ def test_drawings_are_png(tmp_path, name):
 def test_a_drawing_that_cannot_be_written(tmp_path):
     with pytest.raises(UsageError, match=r"cannot write .*no.such.folder"):
         draw_map(load_map("free"), tmp_path / "no such folder" / "map.png")
+
+
+def test_without_matplotlib_the_message_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(UsageError, match=r'pip install "mavlink-companion\[training\]"'):
+        draw_map(load_map("free"), tmp_path / "map.png")
 
 
 def test_a_checkout_finds_its_maps_at_the_root():
