@@ -147,7 +147,10 @@ def _fly(
         stream_before_external=info.needs_stream_before_external,
     )
     mission = Mission(city, actor, plan, target, config.v_max, config.rate_hz)
-    shield = Shield(city, ShieldLimits(v_max_mps=config.v_max, margin_m=config.margin))
+    limits = ShieldLimits(
+        v_max_mps=config.v_max, margin_m=config.margin, period_s=1.0 / config.rate_hz
+    )
+    shield = Shield(city, limits)
     with _stop_flag() as stop_requested:
         flight = Flight(
             vehicle,
