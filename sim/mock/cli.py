@@ -5,6 +5,7 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
@@ -62,11 +63,27 @@ exit codes
 """
 
 
+_RANGES = {
+    "speed": (0.01, 100.0),
+    "boot_s": (0.1, 600.0),
+    "shortfall": (0.0, 0.9),
+    "gusts": (0.0, 50.0),
+    "noise": (0.0, 100.0),
+    "seed": (0, 2**63),
+}
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose complaints are errors like all others: one line, exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message}; see --help")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the mock vehicle and return the exit code."""
-    options = _parser().parse_args(arguments)
     try:
-        return _fly(options)
+        return _fly(_parser().parse_args(arguments))
     except CompanionError as error:
         print(f"mock: {error}", file=sys.stderr)
         return error.exit_code
@@ -74,7 +91,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _fly(options: argparse.Namespace) -> int:
     if options.autopilot != "px4":
-        raise UsageError(f"--autopilot {options.autopilot}: only px4 exists so far")
+        raise UsageError(f"--autopilot {options.autopilot}: not built; there is px4")
+    if options.report is not None:
+        _write(options.report, "")  # a report that cannot be written is found out now
     stop = StopSignal(with_parent=options.exit_with_parent)
     addresses = [parse_url(url) for url in options.connect]
     vehicle = _build(options, addresses)
@@ -89,14 +108,13 @@ def _fly(options: argparse.Namespace) -> int:
         for link in links:
             link.close()
     if options.report is not None:
-        _write_report(options.report, vehicle, options.seed)
+        report = {"autopilot": options.autopilot, "seed": options.seed, **vehicle.report()}
+        _write(options.report, json.dumps(report, indent=2) + "\n")
     return 0
 
 
 def _build(options: argparse.Namespace, addresses: Sequence[Address]) -> MockVehicle:
-    for name in ("speed", "boot_s"):
-        if not 0.0 < getattr(options, name) < 1000.0:
-            raise UsageError(f"--{name.replace('_', '-')} must be positive")
+    _check_ranges(options)
     seeds = np.random.SeedSequence(options.seed).spawn(1 + len(options.target))
     place = _place(options)
     vehicle_rng, *target_rngs = (np.random.default_rng(seed) for seed in seeds)
@@ -125,6 +143,12 @@ def _build(options: argparse.Namespace, addresses: Sequence[Address]) -> MockVeh
     )
 
 
+def _check_ranges(options: argparse.Namespace) -> None:
+    for name, (low, high) in _RANGES.items():
+        if not low <= getattr(options, name) <= high:  # a NaN fails too
+            raise UsageError(f"--{name.replace('_', '-')} must lie in {low:g}..{high:g}")
+
+
 def _place(options: argparse.Namespace) -> Place:
     home = None
     if options.home is not None:
@@ -148,10 +172,9 @@ def _numbers(option: str, text: str, count: int) -> tuple[float, ...]:
     return numbers
 
 
-def _write_report(path: Path, vehicle: MockVehicle, seed: int) -> None:
-    report = {"autopilot": "px4", "seed": seed, **vehicle.report()}
+def _write(path: Path, text: str) -> None:
     try:
-        path.write_text(json.dumps(report, indent=2) + "\n")
+        path.write_text(text)
     except OSError as error:
         raise UsageError(f"cannot write --report {path}: {error.strerror}") from error
 
@@ -161,7 +184,7 @@ def _parser() -> argparse.ArgumentParser:
         f"  {name:<17} {kind.meaning}" + (f"  [{', '.join(kind.keys)}]" if kind.keys else "")
         for name, kind in KINDS.items()
     )
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="companion mock",
         description=DESCRIPTION,
         epilog=EPILOG.format(kinds=kinds),

@@ -75,12 +75,13 @@ def _accepted(done: bool) -> Result:
     return Result.ACCEPTED if done else Result.TEMPORARILY_REJECTED
 
 
-def _whole(value: float) -> int:
+def whole(value: float) -> int:
+    """Return a float field that holds a whole number; -1 for NaN and infinities."""
     return int(value) if math.isfinite(value) else -1
 
 
 def _do_set_mode(px4: Px4, command: Command) -> Result:
-    base_mode, main, sub = (_whole(value) for value in command.params[:3])
+    base_mode, main, sub = (whole(value) for value in command.params[:3])
     return set_mode(px4, base_mode, main, sub, command.source_component)
 
 
@@ -113,7 +114,7 @@ def _return(px4: Px4, command: Command) -> Result:
 
 
 def _reposition(px4: Px4, command: Command) -> Result:
-    if not _whole(command.params[1]) & REPOSITION_CHANGE_MODE and px4.mode is not Mode.LOITER:
+    if not whole(command.params[1]) & REPOSITION_CHANGE_MODE and px4.mode is not Mode.LOITER:
         return Result.DENIED
     here = px4.estimator.geodetic(px4.body.position_m)
     latitude, longitude, altitude = command.params[4:]

@@ -146,6 +146,14 @@ def scaled_pressure(px4: Px4) -> Any:
     return mavlink.MAVLink_scaled_pressure_message(boot_ms(px4), pressure, 0.0, 1182)
 
 
+def distance_sensor(px4: Px4) -> Any:
+    """DISTANCE_SENSOR, looking down."""
+    height_cm = round(max(0.0, -px4.body.position_m[2]) * 100.0)
+    return mavlink.MAVLink_distance_sensor_message(
+        boot_ms(px4), 0, 10000, min(height_cm, 10000), 0, 0, 25, 0, signal_quality=1
+    )
+
+
 def vibration(px4: Px4) -> Any:
     """VIBRATION."""
     return mavlink.MAVLink_vibration_message(boot_us(px4), 0.0, 0.01, 0.1, 0, 0, 0)

@@ -6,15 +6,22 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.world.frames import GeoPoint
 from sim.mock.channel import COMPONENT_ID, SYSTEM_ID, Channel
-from sim.mock.commands import Command, CommandId, Result, run_command, set_mode
+from sim.mock.commands import Command, CommandId, Result, run_command, set_mode, whole
+from sim.mock.dynamics import Vector
 from sim.mock.pilot import Sticks
 from sim.mock.px4 import Px4
-from sim.mock.setpoints import read_setpoint
+from sim.mock.setpoints import MAV_FRAME_LOCAL_NED, read_setpoint
 from sim.mock.streams import STREAMS
 from sim.mock.wire import MAVLINK2
 
 FTP_NAK, FTP_FAIL = 129, 1
+_AMSL_FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
+_RELATIVE_FRAMES = (
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+)
 _DEGREES_E7 = (mavlink.MAV_CMD_DO_REPOSITION, mavlink.MAV_CMD_NAV_TAKEOFF)
 
 
@@ -35,6 +42,10 @@ def handle(px4: Px4, channel: Channel, message: Any) -> None:
 def _heartbeat(px4: Px4, channel: Channel, message: Any) -> None:
     if message.type == mavlink.MAV_TYPE_GCS:
         channel.hear_gcs(px4.now_s)
+    elif (
+        message.type == mavlink.MAV_TYPE_ONBOARD_CONTROLLER and message.get_srcSystem() == SYSTEM_ID
+    ):
+        px4.hear_companion()
 
 
 def _command_long(px4: Px4, channel: Channel, message: Any) -> None:
@@ -56,10 +67,10 @@ def _command(px4: Px4, channel: Channel, message: Any, params: Any) -> None:
         return  # commands to everybody are not ours to answer
     number = message.command
     if number == CommandId.SET_MESSAGE_INTERVAL:
-        known = channel.set_interval(int(params[0]), params[1], px4.now_s)
+        known = channel.set_interval(whole(params[0]), params[1], px4.now_s)
         result = Result.ACCEPTED if known else Result.FAILED
     elif number == CommandId.REQUEST_MESSAGE:
-        result = _send_once(px4, channel, int(params[0]))
+        result = _send_once(px4, channel, whole(params[0]))
     else:
         result = run_command(px4, Command(number, params, message.get_srcComponent()))
     _acknowledge(channel, message, number, result)
@@ -90,11 +101,18 @@ def _set_mode(px4: Px4, channel: Channel, message: Any) -> None:
     _acknowledge(channel, message, CommandId.DO_SET_MODE, result)
 
 
-def _setpoint(px4: Px4, channel: Channel, message: Any) -> None:
+def _local_setpoint(px4: Px4, channel: Channel, message: Any) -> None:
+    position_m = (message.x, message.y, message.z)
+    name = "SET_POSITION_TARGET_LOCAL_NED"
+    _take(px4, message, name, position_m, message.coordinate_frame)
+
+
+def _take(px4: Px4, message: Any, name: str, position_m: Vector, frame: int) -> None:
     setpoint = read_setpoint(
-        frame=message.coordinate_frame,
+        name,
+        frame=frame,
         type_mask=message.type_mask,
-        position_m=(message.x, message.y, message.z),
+        position_m=position_m,
         velocity_mps=(message.vx, message.vy, message.vz),
         acceleration_mps2=(message.afx, message.afy, message.afz),
         yaw_rad=message.yaw,
@@ -107,11 +125,26 @@ def _setpoint(px4: Px4, channel: Channel, message: Any) -> None:
         px4.receive_setpoint(setpoint)
 
 
+def _global_setpoint(px4: Px4, channel: Channel, message: Any) -> None:
+    """SET_POSITION_TARGET_GLOBAL_INT: the same setpoint with its position on earth."""
+    name = "SET_POSITION_TARGET_GLOBAL_INT"
+    if message.coordinate_frame not in (*_AMSL_FRAMES, *_RELATIVE_FRAMES):
+        px4.refuse_setpoint(f"{name} invalid coordinate frame {message.coordinate_frame}")
+        return
+    altitude_m = message.alt
+    if message.coordinate_frame in _RELATIVE_FRAMES and px4.home_true_m is not None:
+        altitude_m += px4.estimator.geodetic(px4.home_true_m).altitude_m
+    point = GeoPoint(message.lat_int / 1e7, message.lon_int / 1e7, altitude_m)
+    position_m = px4.estimator.to_local(px4.estimator.from_geodetic(point))
+    _take(px4, message, name, position_m, MAV_FRAME_LOCAL_NED)
+
+
 def _manual_control(px4: Px4, channel: Channel, message: Any) -> None:
-    if message.target == SYSTEM_ID:
-        forward, right, turn = message.x / 1e3, message.y / 1e3, message.r / 1e3
-        sticks = Sticks(forward, right, message.z / 500.0 - 1.0, turn)
-        px4.pilot.move(px4.now_s, sticks)
+    if message.target != SYSTEM_ID:
+        return
+    axes = (message.x / 1e3, message.y / 1e3, message.z / 500.0 - 1.0, message.r / 1e3)
+    if all(-1.0 <= axis <= 1.0 for axis in axes):  # PX4 too ignores what no stick can say
+        px4.pilot.move(px4.now_s, Sticks(*axes))
 
 
 def _timesync(px4: Px4, channel: Channel, message: Any) -> None:
@@ -184,7 +217,8 @@ _HANDLERS: dict[str, Callable[[Px4, Channel, Any], None]] = {
     "COMMAND_LONG": _command_long,
     "COMMAND_INT": _command_int,
     "SET_MODE": _set_mode,
-    "SET_POSITION_TARGET_LOCAL_NED": _setpoint,
+    "SET_POSITION_TARGET_LOCAL_NED": _local_setpoint,
+    "SET_POSITION_TARGET_GLOBAL_INT": _global_setpoint,
     "MANUAL_CONTROL": _manual_control,
     "TIMESYNC": _timesync,
     "PING": _ping,

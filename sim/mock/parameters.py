@@ -5,6 +5,7 @@ should be (MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE). Going through a Pytho
 change bit patterns that look like signalling NaNs, so raw bytes are kept all the way.
 """
 
+import math
 import struct
 import zlib
 
@@ -111,16 +112,17 @@ class Parameters:
         return struct.pack("<i" if isinstance(value, int) else "<f", value)
 
     def store(self, name: str, wire_type: int, raw: bytes) -> bool:
-        """Take a value from PARAM_SET; an unknown name or a wrong type changes nothing.
+        """Take a value from PARAM_SET; an unknown name, a wrong type or a NaN changes nothing.
 
         Returns:
             Whether the value was stored.
         """
         if name == HASH_NAME or self.wire_type(name) != wire_type:
             return False
-        self._values[name] = struct.unpack(
-            "<i" if wire_type == MAV_PARAM_TYPE_INT32 else "<f", raw
-        )[0]
+        (value,) = struct.unpack("<i" if wire_type == MAV_PARAM_TYPE_INT32 else "<f", raw)
+        if not math.isfinite(value):
+            return False
+        self._values[name] = value
         return True
 
     def _hash(self) -> int:

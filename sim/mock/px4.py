@@ -11,7 +11,7 @@ import numpy as np
 from companion.world.frames import GeoPoint
 from sim.mock.dynamics import PointMass, Vector, Wind
 from sim.mock.estimator import Estimator, add
-from sim.mock.failsafe import Failsafe, Situation
+from sim.mock.failsafe import Cause, Failsafe, Situation
 from sim.mock.flight import Flight
 from sim.mock.ground import Battery, Ground
 from sim.mock.modes import Mode
@@ -27,6 +27,9 @@ UNINIT, STANDBY, ACTIVE, FAILSAFE = 0, 3, 4, 5
 
 ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 """MAV_LANDED_STATE of EXTENDED_SYS_STATE."""
+
+COMPANION_TIMEOUT_S = 5.0
+"""Fixed since PX4 1.18."""
 
 UNHEALTHY = "Arming denied: Resolve system health failures first"
 
@@ -71,6 +74,7 @@ class Px4:
         self.setpoints_refused = 0
         self.deaf = False
         """A fault: setpoints no longer reach the autopilot."""
+        self._companion_heard_s: float | None = None
         self._after_disarm = Mode.LOITER
         self._low_battery_said = False
         self._texts: list[tuple[int, str]] = []
@@ -199,6 +203,10 @@ class Px4:
             self.flight.hold_true_m = self.estimator.from_geodetic(point)
         return accepted
 
+    def hear_companion(self) -> None:
+        """Note a heartbeat of an onboard controller with our own system id (P14)."""
+        self._companion_heard_s = self.now_s
+
     def refuse_setpoint(self, reason: str) -> None:
         """Drop an invalid setpoint: it feeds nothing, and the text says why (P7, P8)."""
         self.setpoints_refused += 1
@@ -227,6 +235,7 @@ class Px4:
         if self.pilot.grabs_sticks(self.parameters.number("MAN_OVERRIDE_SPD")):
             self._sticks_take_over()
         self._use_battery(dt_s)
+        self._miss_companion()
         if self.armed:
             self._check_failsafe()
         if not self.armed:
@@ -284,7 +293,7 @@ class Px4:
             self.parameters,
         )
         if before is None and self.failsafe.mode is not None:
-            delayed = self.failsafe.mode is Mode.LOITER and not self.pilot_present()
+            delayed = self.failsafe.cause is Cause.PILOT_LOST
             hold = f": entering Hold for {self.parameters.number('COM_FAIL_ACT_T'):.0f} seconds"
             self.say(CRITICAL, "Failsafe activated" + (hold if delayed else ""))
         self._apply_mode()
@@ -305,6 +314,12 @@ class Px4:
         if self.armed and not self.landed and not self.mode.needs_pilot and self.pilot_present():
             self.request_mode(Mode.POSCTL)
             self.say(INFO, "Pilot took over using sticks")
+
+    def _miss_companion(self) -> None:
+        heard_s = self._companion_heard_s
+        if heard_s is not None and self.now_s - heard_s > COMPANION_TIMEOUT_S:
+            self._companion_heard_s = None
+            self.say(CRITICAL, "Connection to mission computer lost")
 
     def _use_battery(self, dt_s: float) -> None:
         if self.armed:

@@ -64,6 +64,7 @@ def masked(values: Vector, type_mask: int, first_bit: int) -> Vector:
 
 
 def read_setpoint(
+    name: str,
     *,
     frame: int,
     type_mask: int,
@@ -77,6 +78,7 @@ def read_setpoint(
     """Interpret the fields of one message.
 
     Args:
+        name: Name of the message, for the text.
         frame: MAV_FRAME; only LOCAL_NED and BODY_NED exist for a copter.
         type_mask: POSITION_TARGET_TYPEMASK.
         position_m: x, y, z.
@@ -89,7 +91,6 @@ def read_setpoint(
     Returns:
         The setpoint, or the text PX4 prints when it drops the message.
     """
-    name = "SET_POSITION_TARGET_LOCAL_NED"
     position_m = masked(position_m, type_mask, 0)
     velocity_mps = masked(velocity_mps, type_mask, 3)
     acceleration_mps2 = masked(acceleration_mps2, type_mask, 6)

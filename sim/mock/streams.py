@@ -9,7 +9,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.mock import housekeeping, telemetry
+from sim.mock import housekeeping, telemetry, undecodable
 from sim.mock.px4 import Px4
 
 Builder = Callable[[Px4], Any]
@@ -57,4 +57,8 @@ STREAMS: dict[int, Stream] = {
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: Stream(telemetry.home_position, 0.5, 0.5),
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Stream(telemetry.extended_sys_state, 5.0, 1.0),
     mavlink.MAVLINK_MSG_ID_ODOMETRY: Stream(telemetry.odometry, 30.0, 0.0),
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: Stream(housekeeping.distance_sensor, 10.0, 0.5),
+    undecodable.ESC_INFO_ID: Stream(undecodable.esc_info, 10.0, 1.0),
+    undecodable.ESC_STATUS_ID: Stream(undecodable.esc_status, 10.0, 1.0),
+    undecodable.CURRENT_MODE_ID: Stream(undecodable.current_mode, 0.5, 0.5),
 }

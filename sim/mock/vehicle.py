@@ -170,8 +170,8 @@ class MockVehicle:
 
     def _route(self, link: int, message: Any) -> None:
         """Pass on what is not for this autopilot alone: other parties' heartbeats above all."""
-        target = getattr(message, "target_system", 0)
-        if target == SYSTEM_ID and getattr(message, "target_component", 0) in (0, COMPONENT_ID):
+        target = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
+        if target == (SYSTEM_ID, COMPONENT_ID):
             return
         packet = bytes(message.get_msgbuf())
         for number, channel in enumerate(self._channels):

@@ -14,7 +14,7 @@ COMPANION = (1, 191)
 BOOT_S = 4.6
 """PX4 SIH's own time from its first byte to ready."""
 
-NOT_SENT = {"DISTANCE_SENSOR", "OPEN_DRONE_ID_LOCATION", "OPEN_DRONE_ID_SYSTEM"}
+NOT_SENT = {"OPEN_DRONE_ID_LOCATION", "OPEN_DRONE_ID_SYSTEM"}
 """What PX4 SIH streams and the mock leaves out, besides what pymavlink cannot decode."""
 
 

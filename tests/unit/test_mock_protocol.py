@@ -3,6 +3,7 @@
 import math
 import struct
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -352,3 +353,100 @@ def test_local_and_global_position_agree_on_px4s_sphere():
     assert (north, east) == pytest.approx((local.x, local.y), abs=0.03)
     assert world.alt - origin.altitude == pytest.approx(-local.z * 1e3, abs=30)
     assert world.relative_alt == pytest.approx(-local.z * 1e3, abs=30)
+
+
+# -- robustness ----------------------------------------------------------------------------
+
+
+def random_message(rng, number):
+    """Any message the dialect knows, with random bytes for fields, packed as a real one."""
+    message_class = mavlink.mavlink_map[number]
+    size = message_class.unpacker.size
+    payload = bytearray(rng.integers(0, 256, size, dtype="uint8").tobytes())
+    names = message_class.ordered_fieldnames
+    offsets = dict(zip(names, offsets_of(message_class), strict=True))
+    for name in ("target_system", "target_component", "target"):
+        if name in offsets:
+            payload[offsets[name]] = 1
+    codec = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
+    message = mavlink.MAVLink_message(number, message_class.msgname)
+    return message._pack(codec, message_class.crc_extra, bytes(payload))
+
+
+def offsets_of(message_class):
+    offset, sizes = 0, {"c": 1, "b": 1, "B": 1, "h": 2, "H": 2, "i": 4, "I": 4, "f": 4, "q": 8}
+    codes = bytes(message_class.native_format).decode().lstrip("<")
+    for code, count in zip(codes, message_class.array_lengths, strict=True):
+        yield offset
+        offset += sizes.get(code, 8) * max(1, count)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_message_whatever_it_holds_stops_the_vehicle(seed):
+    rng = np.random.default_rng(seed)
+    bench = Bench(ground_links=(False, True), seed=seed)
+    bench.run(2.0)
+    bench.command(400, 1.0)
+    bench.command(22, 0, 0, 0, math.nan, math.nan, math.nan, 500.0)
+    numbers = [number for number in mavlink.mavlink_map if number not in (38, 39)]
+    handled = [75, 76, 84, 86, 11, 69, 23, 20, 21, 43, 110, 111, 4]
+    for _ in range(1500):
+        number = int(rng.choice(handled if rng.random() < 0.7 else numbers))
+        bench.vehicle.receive(int(rng.integers(2)), random_message(rng, number))
+        bench.run(0.01)
+    bench.run(2.0)
+    assert math.isfinite(bench.last("LOCAL_POSITION_NED", link=0).x)
+
+
+@pytest.mark.parametrize("number", [511, 512, 176, 400, 22, 192])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 3e38, -1.0])
+def test_commands_with_silly_values_get_an_answer(number, value):
+    bench = booted()
+    assert bench.command(number, *(value,) * 7) in range(5)
+    bench.run(1.0)
+
+
+def test_undecodable_messages_are_sent_as_px4_sends_them():
+    bench = booted()
+    bench.run(4.0)
+    ids = [int.from_bytes(received.packet[7:10], "little") for received in bench.received]
+    assert [ids.count(number) for number in (290, 291)] == pytest.approx([60, 60], abs=3)
+    packet = next(r.packet for r in bench.received if r.packet[7:10] == b"\xb4\x01\x00")
+    assert struct.unpack("<II", packet[10:18].ljust(8, b"\0")) == (0x03040000, 0x03040000)
+
+
+def test_messages_for_every_component_are_obeyed_and_passed_on():
+    bench = booted(ground_links=(False, True))
+    bench.send(bench.setpoint(type_mask=0xDC7, target=(1, 0))(), link=0)
+    assert len(bench.all("SET_POSITION_TARGET_LOCAL_NED", link=1)) == 1
+    assert bench.vehicle.px4.setpoints_received == 1
+
+
+@pytest.mark.parametrize(
+    ("frame", "altitude"), [(0, 499.4), (5, 499.4), (3, 10.0), (6, 10.0)], ids=str
+)
+def test_global_setpoints_are_flown_in_four_frames(frame, altitude):
+    bench = booted()
+    latitude = round((47.397742 + 10.0 / 111_195.0) * 1e7)
+
+    def stream():
+        return mavlink.MAVLink_set_position_target_global_int_message(
+            0, 1, 1, frame, 0xDF8, latitude, 85455940, altitude, *(0.0,) * 8
+        )
+
+    bench.run(0.3, stream=stream)
+    bench.command(176, 1.0, 6.0)
+    bench.command(400, 1.0)
+    bench.run(20.0, stream=stream)
+    last = bench.last("LOCAL_POSITION_NED")
+    assert (last.x, last.y, last.z) == pytest.approx((10.0, 0.0, -10.0), abs=0.3)
+
+
+def test_global_setpoints_in_other_frames_are_refused():
+    bench = booted()
+    bench.send(
+        mavlink.MAVLink_set_position_target_global_int_message(
+            0, 1, 1, 1, 0xDF8, 473977420, 85455940, 10.0, *(0.0,) * 8
+        )
+    )
+    assert bench.vehicle.report()["setpoints_refused"] == 1

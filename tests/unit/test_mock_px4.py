@@ -492,6 +492,19 @@ def test_p13_com_rcl_except_keeps_offboard_without_the_pilot():
     assert bench.vehicle.px4.mode.name == "OFFBOARD"
 
 
+def test_p14_a_silent_companion_is_only_mentioned():
+    bench = flying()
+    onboard = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
+    bench.send(onboard)
+    hover = bench.velocity(0.0, 0.0, 0.0)
+    bench.run(4.5, stream=hover)
+    bench.send(gcs_heartbeat(), identity=(255, 190))
+    assert bench.texts() == []
+    bench.run(1.0, stream=hover)
+    assert bench.texts() == ["Connection to mission computer lost"]
+    assert bench.vehicle.px4.mode.name == "OFFBOARD"
+
+
 # -- going somewhere and coming down -------------------------------------------------------
 
 

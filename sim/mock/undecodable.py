@@ -1,0 +1,69 @@
+"""Messages that PX4 sends and pymavlink 2.4.50 has in no dialect it bundles by default.
+
+A companion built on pymavlink gets them as ``UNKNOWN_290`` and must step over them; one built on
+newer definitions can read them. Layouts and checksum seeds are those of the recorded packets.
+"""
+
+import struct
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from sim.mock.px4 import Px4
+from sim.mock.telemetry import boot_us
+
+ESC_INFO_ID, ESC_STATUS_ID, CURRENT_MODE_ID = 290, 291, 436
+MOTORS = 4
+
+
+class RawMessage(mavlink.MAVLink_message):  # type: ignore[misc]
+    """A message of which only the bytes are known.
+
+    Args:
+        message_id: Its id.
+        name: Its name in the definitions.
+        crc_extra: Its checksum seed.
+        payload: Its fields in wire order.
+    """
+
+    def __init__(self, message_id: int, name: str, crc_extra: int, payload: bytes) -> None:
+        super().__init__(message_id, name)
+        self._seed = crc_extra
+        self._fields = payload
+
+    def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
+        """Return the packet."""
+        packet: bytes = self._pack(mav, self._seed, self._fields, force_mavlink1=force_mavlink1)
+        return packet
+
+
+def esc_info(px4: Px4) -> Any:
+    """ESC_INFO: four motors, all well."""
+    fields = struct.pack(
+        "<Q4IH4H4h4B",
+        boot_us(px4),
+        *(0,) * MOTORS,
+        0,
+        *(0,) * MOTORS,
+        *(5000,) * MOTORS,
+        0,
+        4,
+        0,
+        15,
+    )
+    return RawMessage(ESC_INFO_ID, "ESC_INFO", 251, fields)
+
+
+def esc_status(px4: Px4) -> Any:
+    """ESC_STATUS: the speed of four motors."""
+    rpm = 0 if not px4.armed else 2000 if px4.landed else 7100
+    fields = struct.pack(
+        "<Q4i4f4fB", boot_us(px4), *(rpm,) * MOTORS, *(0.0,) * MOTORS, *(0.0,) * MOTORS, 0
+    )
+    return RawMessage(ESC_STATUS_ID, "ESC_STATUS", 10, fields)
+
+
+def current_mode(px4: Px4) -> Any:
+    """CURRENT_MODE: the mode that flies and the one that was asked for."""
+    fields = struct.pack("<IIB", px4.mode.custom_mode, px4.intention.custom_mode, 0)
+    return RawMessage(CURRENT_MODE_ID, "CURRENT_MODE", 193, fields)
