@@ -21,8 +21,7 @@ _LAST_MINUTE = rrb.TimeRange(
     end=rrb.TimeRangeBoundary.cursor_relative(),
 )
 _UP = (0.0, 0.0, 1.0)
-_AZIMUTH = (0.66, 0.75)
-"""Where the city camera looks: east and north, a unit vector."""
+_AZIMUTH_RAD = 0.85  # of the city camera, from east toward north
 _DIVE_RAD = 0.6  # below the horizon
 _SLOPE_UP = 0.94 * math.tan(0.5 * math.radians(55.0))  # the viewer's field of view, less a rim
 _SLOPE_ACROSS = 1.5 * _SLOPE_UP  # the view is at least that much wider than high
@@ -98,8 +97,9 @@ def _city(city: MapRecord) -> rrb.Spatial3DView:
 
 def _stand_back(shown_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return where to stand and where to look, so that all points ``(N, 3)`` are in view."""
-    right = np.array([_AZIMUTH[1], -_AZIMUTH[0], 0.0])
-    ahead = np.array([*(np.cos(_DIVE_RAD) * np.array(_AZIMUTH)), -np.sin(_DIVE_RAD)])
+    level = np.array([math.cos(_AZIMUTH_RAD), math.sin(_AZIMUTH_RAD), 0.0])
+    right = np.array([level[1], -level[0], 0.0])
+    ahead = math.cos(_DIVE_RAD) * level - math.sin(_DIVE_RAD) * np.array(_UP)
     above = np.cross(right, ahead)
     across_m, up_m, depth_m = (shown_m @ axis for axis in (right, above, ahead))
     centre, back_m = [], []

@@ -11,6 +11,7 @@ import rerun as rr
 
 from companion.session.blueprint import blueprint, map_blueprint
 from companion.session.folder import RECORDING
+from companion.session.outputs import Sync
 from companion.session.records import Event, MapRecord, Mark, Record, SessionEnd, SessionStart, Tick
 from companion.session.rerun_log import SessionLog
 from companion.session.scene import draw_map
@@ -27,11 +28,17 @@ class RerunOutput:
     """Collects records and logs them to a stream that is opened when the session starts."""
 
     def __init__(
-        self, name: str, open_stream: Callable[[SessionStart], rr.RecordingStream], period_s: float
+        self,
+        name: str,
+        open_stream: Callable[[SessionStart], rr.RecordingStream],
+        period_s: float,
+        sync: Sync | None = None,
     ) -> None:
+        """Send columns of ``period_s``; ``sync`` gets them onto the disk."""
         self.name = name
         self._open_stream = open_stream
         self._period_s = period_s
+        self._sync = sync
         self._due_s = 0.0
         self._log: SessionLog | None = None
         self._ticks: list[Tick] = []
@@ -63,6 +70,8 @@ class RerunOutput:
         if now_s >= self._due_s:
             self._due_s = now_s + self._period_s
             self._send()
+            if self._sync is not None and self._log is not None:
+                self._sync(now_s)
 
     def close(self) -> None:
         """Send the rest and finish the stream."""
@@ -86,7 +95,7 @@ def file_output(folder: Path) -> RerunOutput:
         )
         return stream
 
-    return RerunOutput(RECORDING, open_file, _FILE_PERIOD_S)
+    return RerunOutput(RECORDING, open_file, _FILE_PERIOD_S, Sync(folder / RECORDING))
 
 
 def live_output(announce: Callable[[str], None]) -> RerunOutput:

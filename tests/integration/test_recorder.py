@@ -1,13 +1,18 @@
 """The recorder against everything that may happen to it: nothing of it may reach the flight."""
 
 import os
+import re
+import resource
 import signal
+import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common
+from rerun.chunk import RrdReader
 
 from companion.clock import now_s, sleep_s
 from companion.session.recorder import Recorder
@@ -33,7 +38,7 @@ START = SessionStart(
     margin_m=2.0,
     arrival_radius_m=5.0,
 )
-PATIENCE_S = 60.0
+PATIENCE_S = 30.0
 
 
 def heartbeats(count):
@@ -50,6 +55,16 @@ def frames_in(path):
         count += 1
     log.close()
     return count
+
+
+def ticks_in(path):
+    """Ticks in a recording that may still be written to."""
+    try:
+        chunks = list(RrdReader(str(path)).stream())
+    except (OSError, RuntimeError, ValueError):
+        return 0
+    vehicle = [chunk for chunk in chunks if chunk.entity_path == "/world/vehicle"]
+    return sum(chunk.to_record_batch().num_rows for chunk in vehicle)
 
 
 def tick(index):
@@ -138,6 +153,83 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path):
     assert any("flight.tlog" in line for line in recorder.take_messages())
 
 
+def test_ctrl_c_on_the_terminal_does_not_end_the_recording(tmp_path, recorder):
+    recorder.put(START)
+    wait_until(lambda: (tmp_path / "session.rrd").exists())
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(recorder.process_id, number)
+    recorder.put(Raw(True, 1.0, next(heartbeats(1))))
+    assert recorder.close(PATIENCE_S)
+    assert frames_in(tmp_path / "flight.tlog") == 1
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_when_everything_is_killed_the_recording_still_opens(tmp_path):
+    command = [sys.executable, __file__, str(tmp_path), "1000"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as flying:
+        process_id = int(flying.stdout.readline())
+        wait_until(lambda: ticks_in(tmp_path / "session.rrd") > 100)
+        os.kill(process_id, signal.SIGKILL)
+        flying.kill()
+    assert ticks_in(tmp_path / "session.rrd") > 100
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_when_the_flying_process_dies_the_recorder_finishes(tmp_path):
+    subprocess.run([sys.executable, __file__, str(tmp_path), "3"], check=False)
+    wait_until(lambda: ticks_in(tmp_path / "session.rrd") == 300)
+
+
+def test_a_full_disk_is_said_and_the_pipe_drained(tmp_path):
+    limit = 100_000  # bytes a file may have, as on a disk that fills up
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    try:
+        recorder = Recorder(tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    recorder.put(START)
+    for frame in heartbeats(20_000):
+        recorder.put(Raw(False, 0.0, frame))
+        recorder.put(tick(0))
+    assert recorder.alive
+    assert recorder.close(PATIENCE_S)
+    assert recorder.dropped == 0
+    assert any("flight.tlog is incomplete" in line for line in recorder.take_messages())
+
+
+def test_without_rerun_the_rest_is_recorded_and_it_is_said(tmp_path, monkeypatch):
+    missing = tmp_path / "path" / "rerun.py"
+    missing.parent.mkdir()
+    missing.write_text("raise ImportError('not installed')")
+    monkeypatch.setenv("PYTHONPATH", str(missing.parent))
+    recorder = Recorder(tmp_path)
+    recorder.put(START)
+    recorder.put(Raw(False, 0.0, next(heartbeats(1))))
+    assert recorder.close(PATIENCE_S)
+    assert "Rerun is not installed" in recorder.take_messages()[0]
+    assert frames_in(tmp_path / "flight.tlog") == 1
+    assert not (tmp_path / "session.rrd").exists()
+
+
+def test_the_live_view_is_hosted_on_loopback_only(tmp_path):
+    recorder = Recorder(tmp_path, live="serve")
+    recorder.put(START)
+    messages = []
+
+    def announced():
+        messages.extend(recorder.take_messages())
+        return messages
+
+    wait_until(announced)
+    (port,) = re.findall(r"rerun --connect rerun\+http://127\.0\.0\.1:(\d+)/proxy", messages[0])
+    socket.create_connection(("127.0.0.1", int(port)), timeout=PATIENCE_S).close()
+    listening = Path("/proc/net/tcp").read_text().upper()
+    assert f"0100007F:{int(port):04X}" in listening
+    assert f"00000000:{int(port):04X}" not in listening
+    assert recorder.close(PATIENCE_S)
+
+
 def test_the_flying_process_never_loads_rerun(tmp_path):
     code = (
         "import sys, pathlib\n"
@@ -154,3 +246,18 @@ def test_the_flying_process_never_loads_rerun(tmp_path):
         [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True
     )
     assert done.stdout == "[]\n1\n"
+
+
+def fly_and_die(folder, duration_s):
+    """The flying process of the tests above: no end, no good-bye."""
+    recorder = Recorder(folder)
+    print(recorder.process_id, flush=True)
+    recorder.put(START)
+    for index in range(round(100 * duration_s)):
+        recorder.put(tick(index))
+        sleep_s(0.01)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    fly_and_die(Path(sys.argv[1]), float(sys.argv[2]))

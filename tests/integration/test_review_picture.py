@@ -4,21 +4,32 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+import pytest
 import shapely
+from PIL import Image
+from rerun.chunk import RrdReader
+from rerun.experimental import ViewerClient
 
+from companion.clock import sleep_s
+from companion.errors import CompanionError, UsageError
+from companion.session.folder import write_config, write_summary
+from companion.session.recorder import Recorder
 from companion.session.records import (
     ActorRecord,
     Event,
-    MapRecord,
     Mark,
     Record,
     SessionEnd,
     SessionStart,
     Tick,
     VehicleRecord,
+    map_record,
 )
+from companion.session.review import open_viewer, render_png, review
 from companion.session.summary import Summary
+from companion.session.viewer import headless_viewer
 from companion.vehicle import Severity
+from companion.world.maps import load_map
 
 RATE_HZ = 20
 V_MAX_MPS = 5.0
@@ -26,31 +37,14 @@ MARGIN_M = 2.0
 EDGE_M = 100.0
 COLUMNS = ["east", "north", "up", "target east", "target north", "target up"]
 
-CITY = MapRecord(
-    name="made-up",
-    size_m=[EDGE_M, EDGE_M, 60.0],
-    footprints_m=[
-        [[18, 20], [32, 20], [32, 36], [18, 36]],
-        [[44, 12], [60, 12], [60, 20], [52, 20], [52, 32], [44, 32]],
-        [[72, 22], [84, 18], [88, 30], [76, 34]],
-        [[16, 52], [30, 50], [34, 62], [20, 66]],
-        [[44, 46], [58, 46], [58, 60], [44, 60]],
-        [[70, 48], [86, 48], [86, 54], [76, 54], [76, 66], [70, 66]],
-        [[22, 80], [38, 78], [38, 90], [22, 90]],
-        [[52, 76], [62, 72], [68, 82], [56, 88]],
-        [[82, 78], [92, 78], [92, 90], [82, 90]],
-    ],
-    heights_m=[34.0, 46.0, 28.0, 40.0, 52.0, 30.0, 24.0, 44.0, 36.0],
-    names=[f"block {letter}" for letter in "ABCDEFGHI"],
-    content_hash="0" * 64,
-)
+CITY = map_record(load_map("env1"))
 START = SessionStart(
     session_id="2026-11-22T14-03-07Z",
     start_utc_us=1_795_356_187_000_000,
     map=CITY,
     actor=ActorRecord("paper-env1", "9f" * 32, "paper", COLUMNS),
     vehicle=VehicleRecord(1, "px4", "1.18.0", "udpin:127.0.0.1:14540"),
-    config={"map": "made-up"},
+    config={"map": "env1"},
     v_max_mps=V_MAX_MPS,
     margin_m=MARGIN_M,
     arrival_radius_m=5.0,
@@ -85,8 +79,7 @@ class Pilot:
         return best, away
 
     def step(self, time_s):
-        angle_rad = 0.05 * time_s
-        target_m = np.array([64 + 26 * math.cos(angle_rad), 68 + 26 * math.sin(angle_rad), 22.0])
+        target_m = np.array([94.0, 30.0 + 0.8 * time_s, 32.0 + 6.0 * math.sin(0.15 * time_s)])
         taking_off = time_s < 6.0
         offset_m = target_m - self.position_m
         distance_m = float(np.linalg.norm(offset_m))
@@ -185,3 +178,117 @@ def fly(duration_s: float) -> list[Record]:
     timed = sorted([*ticks, *events], key=lambda record: record.time_s)
     mark = Mark(f"closest: {closest.clearance_m:.1f} m", closest.position_enu_m)
     return [START, *timed, mark, SessionEnd(summary)]
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    """A session of half a minute, recorded by the recorder itself."""
+    folder = tmp_path_factory.mktemp("session")
+    recorder = Recorder(folder)
+    records = fly(30.0)
+    for record in records:
+        recorder.put(record)
+    assert recorder.close(60.0)
+    assert recorder.take_messages() == []
+    assert recorder.dropped == 0
+    write_config(folder, START.config)
+    write_summary(folder, records[-1].summary)
+    return folder
+
+
+def rows_of(recording):
+    """Rows by entity; static ones count too."""
+    rows = {}
+    for chunk in RrdReader(str(recording)).stream():
+        batch = chunk.to_record_batch()
+        rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + batch.num_rows
+    return rows
+
+
+@pytest.fixture(scope="module")
+def vulkan():
+    """Skip where the viewer cannot draw."""
+    try:
+        with headless_viewer((640, 480)):
+            pass
+    except CompanionError as error:
+        pytest.skip(str(error))
+
+
+def test_every_tick_is_in_the_recording(session):
+    rows = rows_of(session / "session.rrd")
+    ticks = 30 * RATE_HZ
+    assert rows["/world/vehicle"] == ticks
+    assert rows["/world/target"] == ticks
+    assert rows["/plots/speed"] == ticks + 1  # and its style
+    assert rows["/world/velocity/measured"] == ticks + 1
+    assert {f"/world/map/obstacles/{name}" for name in CITY.names} <= rows.keys()
+    assert {"/log/autopilot", "/log/companion", "/state/companion", "/summary"} <= rows.keys()
+
+
+def test_the_picture_shows_every_view_and_no_complaint(session, vulkan):
+    with headless_viewer((1920, 1080)) as address:
+        client = ViewerClient.connect(address)
+        client.open([str(session / "session.rrd")])
+        while client.get_state().loading:
+            sleep_s(0.1)
+        sleep_s(1.0)
+        views = client.get_state().views
+    names = {view.name for view in views}
+    assert {"City", "Top", "Chase", "States", "Messages", "Summary", "Clearance [m]"} <= names
+    assert [f"{view.name}: {report.summary}" for view in views for report in view.reports] == []
+
+
+def test_the_picture_is_not_blank(session, vulkan, tmp_path):
+    render_png(session, tmp_path / "review.png", at_s=20.0, size=(1280, 720))
+    with Image.open(tmp_path / "review.png") as picture:
+        assert picture.size == (1280, 720)
+        scene = np.asarray(picture.convert("L"), dtype=float)[60:480, :740]
+    assert scene.std() > 10.0
+
+
+def test_the_report_fits_a_terminal(session):
+    text = review(session)
+    assert max(map(len, text.splitlines()[1:])) <= 80
+    for expected in ("followed the target", "Smallest clearance", "session.rrd", "env1"):
+        assert expected in text
+
+
+def test_a_cut_off_recording_is_mended_beside_itself(session, tmp_path, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    whole = (session / "session.rrd").read_bytes()
+    cut = tmp_path / "session.rrd"
+    cut.write_bytes(whole[: len(whole) * 3 // 4])
+    assert "cut off" in review(tmp_path)
+    assert "session.mended.rrd" in open_viewer(tmp_path)
+    assert cut.read_bytes() == whole[: len(whole) * 3 // 4]
+    assert rows_of(tmp_path / "session.mended.rrd")
+
+
+@pytest.mark.parametrize("content", [b"", b"no recording at all"], ids=["empty", "foreign"])
+def test_what_is_no_recording_is_said_in_one_line(tmp_path, content):
+    (tmp_path / "session.rrd").write_bytes(content)
+    with pytest.raises(CompanionError, match=r"session\.rrd") as raised:
+        open_viewer(tmp_path)
+    assert "\n" not in str(raised.value)
+
+
+def test_what_is_no_session_is_said(tmp_path):
+    with pytest.raises(UsageError, match="not a session"):
+        review(tmp_path)
+    with pytest.raises(UsageError, match="not a folder"):
+        review(tmp_path / "missing")
+
+
+def test_a_session_without_rerun_still_has_its_report(tmp_path):
+    (tmp_path / "flight.tlog").write_bytes(b"")
+    assert "missing" in review(tmp_path)
+    with pytest.raises(UsageError, match="without Rerun"):
+        render_png(tmp_path, tmp_path / "review.png")
+
+
+def test_a_damaged_summary_is_named(tmp_path):
+    (tmp_path / "summary.json").write_text("{")
+    with pytest.raises(CompanionError, match=r"summary\.json"):
+        review(tmp_path)

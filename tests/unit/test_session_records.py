@@ -3,7 +3,7 @@ import math
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.session.records import (
@@ -57,6 +57,7 @@ END = SessionEnd(Summary(outcome="arrived", reason="within 5 m", exit_code=0))
 records = ticks | raws | events | st.just(Mark("closest", [1.0, 2.0, 3.0])) | st.just(END)
 
 
+@settings(deadline=None)
 @given(st.lists(records), st.integers(min_value=1, max_value=300))
 def test_records_survive_the_pipe_in_any_portions(sent, portion):
     stream = b"".join(encode_record(record) for record in [START, *sent])
