@@ -8,6 +8,7 @@ from gymnasium.utils.env_checker import check_env
 
 import sim.gym
 from companion.errors import UsageError
+from companion.policy.observation import PAPER
 
 VARIANTS = [
     pytest.param({}, id="paper"),
@@ -34,6 +35,15 @@ def test_the_same_seed_gives_the_same_episode():
         return [first] + [env.step(env.action_space.sample())[0] for _ in range(50)]
 
     np.testing.assert_array_equal(fly(), fly())
+
+
+def test_the_docstring_is_the_layout():
+    table = sim.gym.CityEnv.__doc__.split("## Observation space")[1].split("Other layouts")[0]
+    rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in table.splitlines()]
+    rows = [row for row in rows if row and row[0].isdigit()]
+    assert [(row[0], float(row[2]), float(row[3])) for row in rows] == [
+        (str(number), field.low, field.high) for number, field in enumerate(PAPER.fields)
+    ]
 
 
 def test_an_episode_truncates_at_the_horizon_and_the_next_one_differs():
