@@ -119,6 +119,8 @@ class CityWorld:
                 f"arrival_radius_m and v_max_mps must be positive, "
                 f"got {arrival_radius_m} and {v_max_mps}"
             )
+        if not 0.0 <= target_speed[0] <= target_speed[1]:
+            raise ValueError(f"target_speed must ascend from 0, got {target_speed}")
         if lag is None and (wind is not None or substeps > 1):
             raise ValueError("wind and substeps need a lag: the kinematic point knows neither")
         self.layout = layout
@@ -178,10 +180,12 @@ class CityWorld:
             action: Shape ``(N, 3)``, in [-1, 1]; ``scaling`` gives it its meaning.
 
         Raises:
-            ValueError: If ``action`` has another shape.
+            ValueError: If ``action`` has another shape or is not finite.
         """
         if action.shape != self._position_enu_m.shape:
             raise ValueError(f"action must be {self._position_enu_m.shape}, got {action.shape}")
+        if not np.isfinite(action).all():
+            raise ValueError("action must be finite: a vehicle at nan would never come back")
         crash_depth_m, flown_m = self._move(action)
         time_s = np.multiply(self._episodes.steps + 1, self.dt_s, dtype=np.float64)
         self._target_enu_m, _ = self._paths.at(time_s)
