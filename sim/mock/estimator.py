@@ -88,10 +88,10 @@ class Estimator:
         count = max(n for share, n in _RESETS_AT_BOOT if now_s >= share * self.boot_s)
         return (count + self.extra_resets) % 256
 
-    def drift(self, now_s: float, dt_s: float) -> None:
-        """Let the estimate run away while GPS is lost."""
-        if self.gps_lost_at_s is not None and not self.ready(now_s):
-            self.error_m = add(self.error_m, (RUNAWAY_MPS * dt_s, 0.0, 0.0))
+    def drift_m(self, now_s: float, dt_s: float) -> Vector:
+        """Return by how much the estimate runs away in ``dt_s``, once GPS is lost."""
+        lost = self.gps_lost_at_s is not None and not self.ready(now_s)
+        return (RUNAWAY_MPS * dt_s, 0.0, 0.0) if lost else ZERO
 
     def reset(self, step_m: Vector) -> None:
         """Jump by ``step_m`` and count the reset, as after a re-alignment."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sim.mock.dynamics import ZERO, Vector
-from sim.mock.estimator import add, subtract
+from sim.mock.estimator import subtract
 from sim.mock.intruder import Intruder
 from sim.mock.modes import Mode
 from sim.mock.specs import Spec
@@ -67,13 +67,13 @@ def _gps_glitch(spec: Spec) -> Act:
     step = (0.0, spec.number("size", 15.0), 0.0)
 
     def act(vehicle: "MockVehicle") -> Undo:
-        estimator = vehicle.px4.estimator
-        estimator.error_m = add(estimator.error_m, step)
-        estimator.glitching = True
+        px4 = vehicle.px4
+        px4.mislead(step)
+        px4.estimator.glitching = True
 
         def over() -> None:
-            estimator.error_m = subtract(estimator.error_m, step)
-            estimator.glitching = False
+            px4.mislead(subtract(ZERO, step))
+            px4.estimator.glitching = False
 
         return over
 
@@ -82,12 +82,12 @@ def _gps_glitch(spec: Spec) -> Act:
 
 def _gps_loss(spec: Spec) -> Act:
     def act(vehicle: "MockVehicle") -> Undo:
-        estimator = vehicle.px4.estimator
-        estimator.gps_lost_at_s = vehicle.px4.now_s
+        px4 = vehicle.px4
+        px4.estimator.gps_lost_at_s = px4.now_s
 
         def back() -> None:
-            estimator.gps_lost_at_s = None
-            estimator.reset(subtract(ZERO, estimator.error_m))
+            px4.estimator.gps_lost_at_s = None
+            px4.reset_estimate(subtract(ZERO, px4.estimator.error_m))
 
         return back
 
@@ -102,7 +102,7 @@ def _ekf_reset(spec: Spec) -> Act:
     step_m = _shift(spec, 3.0)
 
     def act(vehicle: "MockVehicle") -> None:
-        vehicle.px4.estimator.reset(step_m)
+        vehicle.px4.reset_estimate(step_m)
 
     return act
 

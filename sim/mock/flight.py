@@ -42,11 +42,13 @@ class Flight:
     takeoff_altitude_m: float = math.nan
     """AMSL; NaN means MIS_TAKEOFF_ALT above home."""
     hold_true_m: Vector = ZERO
+    home_true_m: Vector = ZERO
     takeoff_done: bool = False
     landing: bool = False
     """Whether it sinks in order to land."""
+    blind: bool = False
+    """Whether the position is lost: landing then only sinks."""
     _mode: Mode = Mode.LOITER
-    _home: Vector = ZERO
     _return_down_m: float = 0.0
     _homing: bool = False
     _texts: list[str] = field(default_factory=list)
@@ -59,7 +61,7 @@ class Flight:
     def enter(self, mode: Mode, home_true_m: Vector | None) -> None:
         """Begin ``mode`` where the vehicle is."""
         self._mode = mode
-        self._home = home_true_m or ZERO
+        self.home_true_m = home_true_m or ZERO
         self.takeoff_done = self.landing = self._homing = False
         self.hold_true_m = self._stopping_point()
         north, east, down = self.body.position_m
@@ -70,8 +72,8 @@ class Flight:
         elif mode is Mode.RTL:
             far = self._home_distance_m() > self.parameters.number("RTL_MIN_DIST")
             height = self.parameters.number("RTL_RETURN_ALT")
-            self._return_down_m = min(down, self._home[2] - height) if far else down
-            above = self._home[2] - self._return_down_m
+            self._return_down_m = min(down, self.home_true_m[2] - height) if far else down
+            above = self.home_true_m[2] - self._return_down_m
             amsl = self.estimator.geodetic((0.0, 0.0, self._return_down_m)).altitude_m
             self._texts.append(
                 f"RTL: start return at {amsl:.0f} m ({above:.0f} m above destination)"
@@ -173,18 +175,18 @@ class Flight:
             self.hold_true_m = (north, east, self._return_down_m)
             self._homing = abs(down - self._return_down_m) < REACHED_M
         else:
-            self.hold_true_m = (self._home[0], self._home[1], self._return_down_m)
+            self.hold_true_m = (self.home_true_m[0], self.home_true_m[1], self._return_down_m)
             if self._home_distance_m() < 2.0 * REACHED_M:
                 self.landing = True
                 self._texts.append("RTL: land at destination")
 
     def _land_velocity(self) -> Vector:
-        north, east, _ = self._velocity_to(self.hold_true_m)
+        north, east, _ = ZERO if self.blind else self._velocity_to(self.hold_true_m)
         fast, slow = (
             self.parameters.number("MPC_Z_VEL_MAX_DN"),
             self.parameters.number("MPC_LAND_SPEED"),
         )
-        height = self._home[2] - self.body.position_m[2]
+        height = self.home_true_m[2] - self.body.position_m[2]
         share = (height - LAND_SLOW_TO_M) / (LAND_SLOW_FROM_M - LAND_SLOW_TO_M)
         return north, east, slow + (fast - slow) * max(0.0, min(1.0, share))
 
@@ -210,7 +212,7 @@ class Flight:
         return north * share, east * share, max(-up, min(sink, down))
 
     def _takeoff_down_m(self, down_m: float) -> float:
-        lowest = self._home[2] - self.parameters.number("MIS_TAKEOFF_ALT")
+        lowest = self.home_true_m[2] - self.parameters.number("MIS_TAKEOFF_ALT")
         if not math.isfinite(self.takeoff_altitude_m):
             return min(down_m, lowest)
         ground_amsl_m = self.estimator.geodetic(ZERO).altitude_m
@@ -228,5 +230,5 @@ class Flight:
         return north + vn * glide_s, east + ve * glide_s, down + 0.5 * vd
 
     def _home_distance_m(self) -> float:
-        north, east, _ = subtract(self._home, self.body.position_m)
+        north, east, _ = subtract(self.home_true_m, self.body.position_m)
         return math.hypot(north, east)

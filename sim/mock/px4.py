@@ -9,8 +9,8 @@ import math
 import numpy as np
 
 from companion.world.frames import GeoPoint
-from sim.mock.dynamics import PointMass, Vector, Wind
-from sim.mock.estimator import Estimator, add
+from sim.mock.dynamics import ZERO, PointMass, Vector, Wind
+from sim.mock.estimator import Estimator, add, subtract
 from sim.mock.failsafe import Cause, Failsafe, Situation
 from sim.mock.flight import Flight
 from sim.mock.ground import Battery, Ground
@@ -223,13 +223,31 @@ class Px4:
         self.offboard_seen = True
         self.setpoint = setpoint
 
+    def mislead(self, step_m: Vector) -> None:
+        """Shift the estimate without a reset: the vehicle follows its belief the other way."""
+        if step_m != ZERO:
+            self.estimator.error_m = add(self.estimator.error_m, step_m)
+            self.flight.hold_true_m = subtract(self.flight.hold_true_m, step_m)
+            self._keep_home(step_m)
+
+    def reset_estimate(self, step_m: Vector) -> None:
+        """Shift the estimate with a reset (P20): PX4 moves what it holds on to along."""
+        self.estimator.reset(step_m)
+        self._keep_home(step_m)
+
+    def _keep_home(self, step_m: Vector) -> None:
+        """Leave home at its latitude and longitude: it now means another true place."""
+        if self.home_true_m is not None:
+            self.home_true_m = self.flight.home_true_m = subtract(self.home_true_m, step_m)
+
     # -- how it goes on --------------------------------------------------------------------
 
     def step(self, now_s: float) -> None:
         """Advance to ``now_s``; steps of 10 ms are meant, longer ones lose accuracy."""
         dt_s = now_s - self.now_s
         self.now_s = now_s
-        self.estimator.drift(now_s, dt_s)
+        self.flight.blind = not self.estimator.ready(now_s)
+        self.mislead(self.estimator.drift_m(now_s, dt_s))
         if self.home_true_m is None and self.estimator.global_known(now_s):
             self._set_home()
         if self.pilot.grabs_sticks(self.parameters.number("MAN_OVERRIDE_SPD")):

@@ -99,11 +99,27 @@ def test_gps_glitch_steps_both_positions_and_comes_back():
     assert not bench.last("ESTIMATOR_STATUS").flags & 1024
 
 
+def test_a_glitch_drags_a_holding_vehicle_off_its_place_and_a_reset_does_not():
+    bench = flying()
+    bench.command(176, 1.0, 4.0, 3.0)
+    bench.run(3.0)
+    body = bench.vehicle.px4.body
+    before = body.position_m[1]
+    home = bench.last("HOME_POSITION").longitude
+    bench.vehicle.px4.reset_estimate((0.0, 5.0, 0.0))
+    bench.run(5.0)
+    assert body.position_m[1] == pytest.approx(before, abs=0.1)
+    bench.vehicle.px4.mislead((0.0, 15.0, 0.0))
+    bench.run(15.0)
+    assert body.position_m[1] == pytest.approx(before - 15.0, abs=0.5)
+    assert bench.last("HOME_POSITION").longitude == home
+
+
 def test_ekf_reset_counts_once_and_steps():
     bench = flying()
     counter = bench.last("ODOMETRY").reset_counter
     north = bench.last("LOCAL_POSITION_NED").x
-    bench.vehicle.px4.estimator.reset((3.0, 0.0, 0.0))
+    bench.vehicle.px4.reset_estimate((3.0, 0.0, 0.0))
     hover(bench, 0.2)
     assert bench.last("ODOMETRY").reset_counter == counter + 1
     assert bench.last("LOCAL_POSITION_NED").x - north == pytest.approx(3.0, abs=0.1)
