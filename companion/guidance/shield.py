@@ -25,7 +25,6 @@ The margin never shrinks by itself: a vehicle outside a street narrower than twi
 not enter it, one that is inside may fly along it but no nearer to either wall.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -46,6 +45,8 @@ _BELIEVABLE = 1e5
 """No vehicle is farther from its map (m) than this, nor faster (m/s)."""
 _ALIKE_M = 0.05
 """Where the margin is lost anyway: losses that differ by less count as equal."""
+_ALIKE_MPS = 0.05
+"""The same for speeds out of a margin."""
 _INSIDE_M = 0.05
 """So little inside a margin goes without saying: a vehicle that slides along it wavers."""
 _EMERGENCY_SHARE = 0.5
@@ -216,24 +217,40 @@ class Shield:
         if lost_m.max() > _EMERGENCY_SHARE * self.limits.margin_m:
             reason = ShieldReason.EMERGENCY
 
-        # The fan is a good deal dearer than the walls and seldom nearer: only where they fail.
-        sources: tuple[Callable[[], FloatArray], ...] = (
-            lambda: within_walls(proposal, *scene.walls(proposal, out_mps)),
-            lambda: fan(proposal, self.limits.restore_max_mps),
-        )
-        for source in sources:
-            candidates = self._limited(np.concatenate((proposal[None], source())))
-            leads = (candidates @ normal.T >= out_mps - _CHANGED_MPS) | (out_mps == 0.0)
+        # The fan is coarse and dear: only where no walls without end can be kept.
+        candidates = self._limited(self._within_walls(proposal, scene, out_mps))
+        for coarse in (False, True):
+            if coarse:
+                around = self._limited(fan(proposal, self.limits.restore_max_mps))
+                candidates = np.concatenate((candidates, around))
+            missing_mps = np.maximum(out_mps - candidates @ normal.T, 0.0)
+            missing_mps = np.where(out_mps > 0.0, missing_mps, 0.0).max(axis=1)
             bearable_m = keep_m - lost_m - np.where(lost_m > 0.0, _ALIKE_M, 0.0)
-            safe = leads.all(axis=1) & ~scene.entered(candidates, bearable_m).any(axis=1)
-            if not safe.any() and lost_m.any():
-                safe = ~scene.entered(candidates, keep_m - lost_m).any(axis=1)
-            if safe.any():
-                chosen = _nearest(candidates[safe], proposal)
+            safe = ~scene.entered(candidates, bearable_m).any(axis=1)
+            leads = safe & (missing_mps < _ALIKE_MPS)
+            if leads.any():
+                chosen = _nearest(candidates[leads], proposal)
                 return chosen, _blocked_or(reason, proposal, chosen)
-        worst_m = scene.least_slack_m(candidates).min(axis=1)
-        chosen = _nearest(candidates[worst_m >= worst_m.max() - _ALIKE_M], proposal)
+        if safe.any():
+            # Between two walls: what gives way to both of them alike.
+            candidates, missing_mps = candidates[safe], missing_mps[safe]
+            candidates = candidates[missing_mps < missing_mps.min() + _ALIKE_MPS]
+        else:
+            least_m = scene.least_slack_m(candidates).min(axis=1)
+            candidates = candidates[least_m > least_m.max() - _ALIKE_M]
+        chosen = _nearest(candidates, proposal)
         return chosen, _blocked_or(reason, proposal, chosen)
+
+    def _within_walls(self, proposal: FloatArray, scene: Scene, out_mps: FloatArray) -> FloatArray:
+        """Return the proposal and what is nearest to it with regard to all walls, ``(n, 3)``."""
+        walls = scene.walls(proposal, out_mps)
+        found = [proposal[None], within_walls(proposal, *walls)]
+        fastest_mps = float(out_mps.max())
+        if fastest_mps > 0.0:
+            # The way out comes first: what it leaves of the speed limit is for the rest.
+            share = np.sqrt(max(0.0, 1.0 - (fastest_mps / self.limits.v_max_mps) ** 2))
+            found += [within_walls(part * proposal, *walls) for part in (share, 0.5 * share, 0.0)]
+        return np.concatenate(found)
 
     def _scene(
         self, proposal: FloatArray, position: FloatArray, velocity_now: FloatArray

@@ -157,6 +157,19 @@ def test_inside_the_margin_only_outward(position, toward, slack_m, reason, lost_
     assert not check(-3.0 * toward if toward[2] <= 0 else -1.5 * toward, here).intervened
 
 
+@pytest.mark.parametrize(("position", "toward", "slack_m", "reason"), FACES)
+@pytest.mark.parametrize("drift_mps", [0.0, 1.4])
+def test_full_speed_along_a_lost_margin_leaves_room_for_the_way_out(
+    position, toward, slack_m, reason, drift_mps
+):
+    position, toward = np.array(position), np.array(toward, dtype=float)
+    here = position + (slack_m + 0.8) * toward
+    along = np.array([0.0, 1.0, 0.0]) if abs(toward[1]) < 0.5 else np.array([1.0, 0.0, 0.0])
+    decision = check(5.0 * along, here, drift_mps * toward)
+    assert -decision.velocity_enu_mps @ toward > (1.2 if drift_mps == 0.0 else 1.45)
+    assert decision.velocity_enu_mps @ along > 2.0
+
+
 @pytest.mark.parametrize(("position", "toward", "slack_m", "reason"), FACES[3:])
 def test_outside_the_box_only_back(position, toward, slack_m, reason):
     position, toward = np.array(position), np.array(toward, dtype=float)
