@@ -158,10 +158,19 @@ def contract_of(
     among_obstacles = record.stage == "obstacles"
     bound = among_obstacles and record.cities is None
     low, high = (1.0, 1.0) if bound else _FREE_EDGES
+    # The kinematic point has no clock; but an actor that sees its velocity has seen only these.
+    layout, world = trainer.preset.layout, trainer.world
+    sees_velocity = any(column.startswith("velocity") for column in layout.columns)
     return Contract(
-        observation=ObservationContract.of(trainer.preset.layout),
+        observation=ObservationContract.of(layout),
         action=trainer.preset.scaling,
-        dynamics=DynamicsContract(edge_m, edge_m * low, edge_m * high),
+        dynamics=DynamicsContract(
+            edge_m=edge_m,
+            edge_low_m=edge_m * low,
+            edge_high_m=edge_m * high,
+            step_s=world.dt_s if sees_velocity else None,
+            v_max_mps=world.v_max_mps if sees_velocity else None,
+        ),
         map=MapContract(city.name, city.content_hash) if bound else None,
         avoids_obstacles=among_obstacles,
         preset=record.preset,

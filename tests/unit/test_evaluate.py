@@ -17,7 +17,7 @@ WALLED = build_map("walled", [100, 100, 100], [[[40, 0], [60, 0], [60, 100], [40
 
 def evaluate(policy, city=FREE, layout=RELATIVE, scaling=TARGET_SCALING, **changes):
     options = {"episodes": 300, "seed": 1, "now_s": lambda: 0.0, **changes}
-    return evaluate_policy(policy, city, layout, scaling, **options)
+    return evaluate_policy(policy, (city,), layout, scaling, **options)
 
 
 def stay(world, observation):
@@ -55,6 +55,20 @@ def test_rates_add_up():
     total = result.completion_rate + result.collision_rate + result.timeout_rate
     assert total == pytest.approx(1.0)
     assert result.completion_1m <= result.completion_2m <= result.completion_5m
+
+
+def test_cases_spread_over_several_maps_are_all_counted():
+    result = evaluate_policy(
+        fly_straight,
+        (FREE, WALLED),
+        RELATIVE,
+        TARGET_SCALING,
+        episodes=2000,
+        seed=1,
+        measure_clearance=True,
+        now_s=lambda: 0.0,
+    )
+    assert result.completion_rate == pytest.approx(0.75, abs=0.04)
 
 
 def test_clearance_says_nothing_on_a_map_without_obstacles():

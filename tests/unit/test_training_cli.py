@@ -45,7 +45,9 @@ def failure(capsys, *arguments):
         (["train", "--beta", "4"], "it is the ratio beta / (1 - beta), so ask for --beta 0.8"),
         (["train", "--beta", "1"], "--beta must be in [0, 1)"),
         (["train", "--updates", "0"], "--updates must be at least 1"),
-        (["evaluate", "--actor", "x.onnx"], "needs --map"),
+        (["evaluate", "--actor", "x.onnx"], "need one of --map and --cities"),
+        (["evaluate", "--actor", "x.onnx", "--map", "free", "--shield"], "--shield is not"),
+        (["train", "--map", "free", "--cities", "4"], "need one of --map and --cities"),
         (["evaluate", "--actor", "x.onnx", "--map", "free", "--episodes", "0"], "--episodes"),
     ],
 )
@@ -132,9 +134,9 @@ def test_ctrl_c_leaves_a_checkpoint_to_resume(tmp_path):
     )
     log = run / "log.jsonl"
     try:
-        deadline_s = time.monotonic() + 90  # noqa: TID251
-        while not log.exists() and time.monotonic() < deadline_s:  # noqa: TID251
-            time.sleep(0.05)  # noqa: TID251
+        deadline_s = time.monotonic() + 90
+        while not log.exists() and time.monotonic() < deadline_s:
+            time.sleep(0.05)
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=60)
     finally:

@@ -9,10 +9,11 @@ import torch
 
 from companion.errors import UsageError
 from companion.policy.actor import Actor
-from companion.world.maps import build_map, load_map
+from companion.world.maps import load_map
 from training import train
 from training.export import export_actor, largest_difference
 from training.networks import ActorNetwork
+from training.places import Place
 from training.presets import PRESETS
 from training.run_folder import RunFolder, RunRecord
 from training.train import contract_of, export_run, resume_run, start_run
@@ -37,6 +38,7 @@ def tiny(name, stage, updates=24):
 
 @pytest.fixture(autouse=True)
 def tiny_presets(monkeypatch):
+    torch.set_num_threads(1)
     for key in PRESETS:
         monkeypatch.setitem(PRESETS, key, tiny(*key))
     monkeypatch.setattr(train, "LOG_EVERY", 4)
@@ -49,6 +51,7 @@ def make_record(**changes):
         stage="free",
         layout="relative",
         map="free",
+        cities=None,
         map_hash=load_map("free").content_hash,
         seed=3,
         updates=24,
@@ -101,7 +104,7 @@ def logged(folder):
     [
         ("paper", "free", "free", "paper"),
         ("flight", "free", "free", "relative"),
-        ("flight", "obstacles", "env1", "relative"),
+        ("flight", "obstacles", "env1", "rays"),
     ],
 )
 def test_a_resumed_run_ends_bit_for_bit_where_an_unbroken_one_does(
@@ -153,7 +156,7 @@ def test_the_log_has_what_it_promises(tmp_path):
 
 
 def test_another_seed_is_another_run(tmp_path):
-    trainers = [Trainer(tiny("flight", "free"), load_map("free"), seed) for seed in (1, 2)]
+    trainers = [Trainer(tiny("flight", "free"), Place(map="free"), seed) for seed in (1, 2)]
     for trainer in trainers:
         for _ in range(5):
             trainer.advance()
@@ -240,8 +243,10 @@ def test_a_run_without_validation_has_nothing_to_export(tmp_path):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_torch_and_onnx_agree(tmp_path, seed):
-    trainer = Trainer(tiny("flight", "free"), load_map("free"), seed)
-    network = ActorNetwork(11, (64, 32), torch.Generator().manual_seed(seed))
+    trainer = Trainer(tiny("flight", "free"), Place(map="free"), seed)
+    network = ActorNetwork(
+        len(trainer.preset.layout.fields), (64, 32), torch.Generator().manual_seed(seed)
+    )
     with torch.no_grad():
         network.head.weight.mul_(300.0)  # far into tanh, where differences would show
     contract = contract_of(make_record(), trainer, ())
@@ -250,13 +255,49 @@ def test_torch_and_onnx_agree(tmp_path, seed):
     assert Actor.load(tmp_path / "a.onnx").contract == contract
 
 
-def test_an_obstacle_run_is_bound_to_its_map_and_a_free_run_is_not():
-    city = build_map("block", [80, 80, 50], [[[10, 10], [20, 10], [20, 20]]], [30.0])
-    bound = contract_of(
-        make_record(stage="obstacles"), Trainer(tiny("flight", "obstacles"), city, 0), ()
-    )
-    assert bound.map.content_hash == city.content_hash
+BLOCK = """
+name: block
+description: One triangular block.
+size_m: [80, 80, 50]
+launch_m: [5, 5, 0]
+obstacles: [{name: obs1, footprint_m: [[10, 10], [20, 10], [20, 20]], height_m: 30}]
+"""
+
+
+def test_an_actor_is_bound_to_the_one_map_it_knows_and_else_free(tmp_path):
+    file = tmp_path / "block.yaml"
+    file.write_text(BLOCK)
+    places = {"obstacles": Place(map=str(file)), "free": Place(map="free")}
+    contracts = {
+        stage: contract_of(make_record(stage=stage), Trainer(tiny("flight", stage), place, 0), ())
+        for stage, place in places.items()
+    }
+    bound, free = contracts["obstacles"], contracts["free"]
+    assert bound.map.content_hash == load_map(file).content_hash
+    assert bound.avoids_obstacles
     assert (bound.dynamics.edge_low_m, bound.dynamics.edge_high_m) == (80.0, 80.0)
-    free = contract_of(make_record(), Trainer(tiny("flight", "free"), load_map("free"), 0), ())
     assert free.map is None
     assert not free.avoids_obstacles
+
+    record = make_record(stage="obstacles", map=None, cities=2)
+    trainer = Trainer(tiny("flight", "obstacles"), Place(cities=2), 0)
+    cities = contract_of(record, trainer, ())
+    assert cities.map is None
+    assert cities.avoids_obstacles
+
+
+def test_cities_need_a_layout_that_shows_obstacles(tmp_path):
+    with pytest.raises(UsageError, match="layout relative shows no obstacles"):
+        start_run(make_record(stage="obstacles", map=None, cities=2), RunFolder(tmp_path / "run"))
+
+
+def test_cities_to_train_validate_and_test_on_are_different():
+    place = Place(cities=3)
+    maps = (*place.training_maps(), *place.validation_maps(), *place.test_maps())
+    assert len({city.content_hash for city in maps}) == len(maps)
+
+
+@pytest.mark.parametrize("wrong", [{}, {"map": "free", "cities": 3}, {"cities": 0}])
+def test_places_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(UsageError, match=r"--cities"):
+        Place(**wrong)
