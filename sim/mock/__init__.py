@@ -8,8 +8,11 @@ as an argument, so a test flies hundreds of flights on a virtual clock.
 Read in this order:
 
 * ``dynamics``: the point mass; ``modes``, ``parameters``, ``setpoints``: PX4's vocabulary;
-* ``px4``: arming, modes and failsafes; ``flight``: what each mode makes the vehicle do;
-* ``commands``: requests and their answers; ``telemetry``: messages and their rates;
-* ``channel``: one link; ``vehicle``: all of it together; ``targets``, ``faults``, ``referee``;
-* ``sockets``, ``process``, ``cli``: the thin shell.
+* ``px4``: arming and modes; ``failsafe``, ``ground``, ``health``, ``estimator``, ``pilot``: what
+  it watches; ``flight``: what each mode makes the vehicle do;
+* ``incoming``, ``commands``: requests and their answers; ``telemetry``, ``housekeeping``,
+  ``undecodable``, ``streams``: messages and their rates; ``channel``: one link;
+* ``vehicle``: all of it together, with ``placement`` on a map, ``targets``, a ``referee``,
+  ``faults`` and ``wire``, what is wrong with a link;
+* ``bench``: the same in process, on a virtual clock; ``sockets``, ``process``, ``cli``: the shell.
 """

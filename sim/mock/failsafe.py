@@ -1,8 +1,10 @@
 """Which failsafe PX4 puts between the operator's wish and the motors (``failsafe.cpp``)."""
 
+import math
 from dataclasses import dataclass, field
 from enum import Enum
 
+from sim.mock.dynamics import Vector
 from sim.mock.modes import Mode
 from sim.mock.parameters import Parameters
 
@@ -118,3 +120,13 @@ class Failsafe:
                 mode = without_pilot or Mode.LOITER
             causes[Cause.SETPOINTS_LOST] = mode
         return causes
+
+
+def fence_breached(parameters: Parameters, position_m: Vector, home_m: Vector | None) -> bool:
+    """Return whether the vehicle is outside GF_MAX_HOR_DIST or GF_MAX_VER_DIST of home."""
+    if home_m is None:
+        return False
+    reach_m, top_m = parameters.number("GF_MAX_HOR_DIST"), parameters.number("GF_MAX_VER_DIST")
+    north, east, down = (here - home for here, home in zip(position_m, home_m, strict=True))
+    too_far = 0.0 < reach_m < math.hypot(north, east)
+    return too_far or 0.0 < top_m < -down

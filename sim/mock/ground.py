@@ -1,4 +1,4 @@
-"""What PX4 notices by itself: take-off, landing, and the battery."""
+"""What PX4 notices by itself about the ground: take-off and landing."""
 
 from dataclasses import dataclass
 
@@ -6,19 +6,6 @@ RAMP_S = 1.0
 """Between the end of the spool-up and "Takeoff detected", and again until the skids lift."""
 LAND_DETECTION_S = 2.5
 """On the ground this long with a demand to sink: landed (measured 2.6 s)."""
-
-
-@dataclass(slots=True)
-class Battery:
-    """A four-cell pack that drains linearly while armed."""
-
-    fraction: float = 1.0
-    drain_per_s: float = 1.0 / 1200.0
-
-    @property
-    def voltage_v(self) -> float:
-        """Return the pack voltage."""
-        return 4.0 * (3.5 + 0.55 * self.fraction)
 
 
 @dataclass(slots=True)

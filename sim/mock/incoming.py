@@ -45,7 +45,7 @@ def _heartbeat(px4: Px4, channel: Channel, message: Any) -> None:
     elif (
         message.type == mavlink.MAV_TYPE_ONBOARD_CONTROLLER and message.get_srcSystem() == SYSTEM_ID
     ):
-        px4.hear_companion()
+        px4.companion.hear(px4.now_s)
 
 
 def _command_long(px4: Px4, channel: Channel, message: Any) -> None:

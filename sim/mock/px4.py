@@ -11,9 +11,10 @@ import numpy as np
 from companion.world.frames import GeoPoint
 from sim.mock.dynamics import ZERO, PointMass, Vector, Wind
 from sim.mock.estimator import Estimator, add, subtract
-from sim.mock.failsafe import Cause, Failsafe, Situation
+from sim.mock.failsafe import Cause, Failsafe, Situation, fence_breached
 from sim.mock.flight import Flight
-from sim.mock.ground import Battery, Ground
+from sim.mock.ground import Ground
+from sim.mock.health import Battery, Companion
 from sim.mock.modes import Mode
 from sim.mock.parameters import Parameters
 from sim.mock.pilot import Pilot
@@ -27,9 +28,6 @@ UNINIT, STANDBY, ACTIVE, FAILSAFE = 0, 3, 4, 5
 
 ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 """MAV_LANDED_STATE of EXTENDED_SYS_STATE."""
-
-COMPANION_TIMEOUT_S = 5.0
-"""Fixed since PX4 1.18."""
 
 UNHEALTHY = "Arming denied: Resolve system health failures first"
 
@@ -56,6 +54,7 @@ class Px4:
         self.parameters = Parameters()
         self.estimator = Estimator(place, boot_s)
         self.pilot = Pilot(radio=radio)
+        self.companion = Companion()
         self.battery = Battery()
         self.failsafe = Failsafe()
         self.flight = Flight(body, self.estimator, self.parameters)
@@ -74,9 +73,7 @@ class Px4:
         self.setpoints_refused = 0
         self.deaf = False
         """A fault: setpoints no longer reach the autopilot."""
-        self._companion_heard_s: float | None = None
         self._after_disarm = Mode.LOITER
-        self._low_battery_said = False
         self._texts: list[tuple[int, str]] = []
 
     # -- what it shows ---------------------------------------------------------------------
@@ -203,10 +200,6 @@ class Px4:
             self.flight.hold_true_m = self.estimator.from_geodetic(point)
         return accepted
 
-    def hear_companion(self) -> None:
-        """Note a heartbeat of an onboard controller with our own system id (P14)."""
-        self._companion_heard_s = self.now_s
-
     def refuse_setpoint(self, reason: str) -> None:
         """Drop an invalid setpoint: it feeds nothing, and the text says why (P7, P8)."""
         self.setpoints_refused += 1
@@ -252,8 +245,7 @@ class Px4:
             self._set_home()
         if self.pilot.grabs_sticks(self.parameters.number("MAN_OVERRIDE_SPD")):
             self._sticks_take_over()
-        self._use_battery(dt_s)
-        self._miss_companion()
+        self._notice(dt_s)
         if self.armed:
             self._check_failsafe()
         if not self.armed:
@@ -306,7 +298,9 @@ class Px4:
                 setpoints_fresh=self.setpoints_fresh(),
                 pilot_present=self.pilot_present(),
                 battery_fraction=self.battery.fraction,
-                fence_breached=self._fence_breached(),
+                fence_breached=fence_breached(
+                    self.parameters, self.body.position_m, self.home_true_m
+                ),
             ),
             self.parameters,
         )
@@ -316,38 +310,17 @@ class Px4:
             self.say(CRITICAL, "Failsafe activated" + (hold if delayed else ""))
         self._apply_mode()
 
-    def _fence_breached(self) -> bool:
-        if self.home_true_m is None:
-            return False
-        reach, top = (
-            self.parameters.number("GF_MAX_HOR_DIST"),
-            self.parameters.number("GF_MAX_VER_DIST"),
-        )
-        north, east, down = (
-            a - b for a, b in zip(self.body.position_m, self.home_true_m, strict=True)
-        )
-        return (reach > 0.0 and math.hypot(north, east) > reach) or (top > 0.0 and -down > top)
-
     def _sticks_take_over(self) -> None:
         if self.armed and not self.landed and not self.mode.needs_pilot and self.pilot_present():
             self.request_mode(Mode.POSCTL)
             self.say(INFO, "Pilot took over using sticks")
 
-    def _miss_companion(self) -> None:
-        heard_s = self._companion_heard_s
-        if heard_s is not None and self.now_s - heard_s > COMPANION_TIMEOUT_S:
-            self._companion_heard_s = None
-            self.say(CRITICAL, "Connection to mission computer lost")
-
-    def _use_battery(self, dt_s: float) -> None:
-        if self.armed:
-            self.battery.fraction = max(
-                0.0, self.battery.fraction - self.battery.drain_per_s * dt_s
-            )
-        low = self.battery.fraction < self.parameters.number("BAT_LOW_THR")
-        if low and not self._low_battery_said:
+    def _notice(self, dt_s: float) -> None:
+        """Say what changed about the battery and the companion."""
+        if self.battery.use(dt_s if self.armed else 0.0, self.parameters.number("BAT_LOW_THR")):
             self.say(WARNING, "Low battery level")
-        self._low_battery_said = low
+        if self.companion.lost(self.now_s):
+            self.say(CRITICAL, "Connection to mission computer lost")
 
     def _watch_ground(self, *, wants_up: bool, wants_down: bool) -> None:
         """Notice take-off and landing, and disarm by itself (P18)."""
