@@ -50,6 +50,7 @@ class Recorder:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             bufsize=0,
+            env={"RUST_LOG": "error", **os.environ},  # Rerun's own warnings are not for pilots
             start_new_session=True,  # Ctrl-C on the terminal is for the flying process
         )
         self._inlet = _end(self._process.stdin)

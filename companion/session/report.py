@@ -51,7 +51,7 @@ def markdown(start: SessionStart, summary: Summary | None) -> str:
     return (
         f"### {result}\n\n{table}\n\n"
         "Path: blue = the policy flew, orange = the shield changed it, red = inside the margin, "
-        "grey = nothing was sent. Arrows: yellow = proposed, green = sent, blue = measured. "
+        "grey = the policy did not fly. Arrows: yellow = proposed, green = sent, blue = measured. "
         f"Began {began:%Y-%m-%d %H:%M:%S} UTC.\n"
     )
 

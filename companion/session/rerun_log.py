@@ -67,7 +67,9 @@ class SessionLog:
             lines = [event for event in events if event.source == source]
             levels = [_LEVELS.get(line.severity, rr.TextLogLevel.ERROR) for line in lines]
             columns = rr.TextLog.columns(text=[line.text for line in lines], level=levels)
-            self._writer.columns(f"log/{source}", [line.time_s for line in lines], columns)
+            # tenths of a second are what the viewer's time column has room for
+            times_s = [round(line.time_s, 1) for line in lines]
+            self._writer.columns(f"log/{source}", times_s, columns)
 
     def mark(self, mark: Mark) -> None:
         """Put a label on the map."""
