@@ -168,7 +168,7 @@ def _maps(argv: list[str]) -> int:
         if args.rerun:
             from companion.session.review import show_map
 
-            show_map(city)
+            print(show_map(city))
     return 0
 
 
