@@ -26,12 +26,12 @@ from companion.session.folder import create_session_folder, write_config, write_
 from companion.session.recorder import Recorder
 from companion.session.records import (
     ActorRecord,
-    MapRecord,
     Raw,
     Record,
     SessionEnd,
     SessionStart,
     VehicleRecord,
+    map_record,
 )
 from companion.session.summary import Summary
 from companion.vehicle import RequestKind
@@ -93,7 +93,7 @@ def run(config: RunConfig) -> Summary:
                 SessionStart(
                     session_id=folder.name,
                     start_utc_us=round(start_utc.timestamp() * 1e6),
-                    map=_map_record(city),
+                    map=map_record(city),
                     actor=_actor_record(actor),
                     vehicle=VehicleRecord(
                         system_id=vehicle.info.system_id,
@@ -204,11 +204,13 @@ def _stop_flag() -> Iterator[Callable[[], bool]]:
 
 
 def _watched(recorder: Recorder) -> Callable[[Record], None]:
-    """Return ``recorder.put`` that says once when the recorder has died."""
+    """Return ``recorder.put`` that says what the recorder says, and once that it has died."""
     said: list[bool] = []
 
     def put(record: Record) -> None:
         recorder.put(record)
+        for message in recorder.take_messages():
+            _LOG.info("recorder: %s", message)
         if not recorder.alive and not said:
             said.append(True)
             _LOG.warning("the recorder has died; the flight goes on without a recording")
@@ -221,17 +223,6 @@ def _write(write: Callable[[], None], folder: Path) -> None:
         write()
     except OSError as error:
         _LOG.warning("cannot write to %s: %s", folder, error.strerror)
-
-
-def _map_record(city: Map) -> MapRecord:
-    return MapRecord(
-        name=city.name,
-        size_m=city.size_m.tolist(),
-        footprints_m=[footprint.tolist() for footprint in city.footprints_m],
-        heights_m=[float(height) for height in city.heights_m],
-        names=list(city.obstacle_names),
-        content_hash=city.content_hash,
-    )
 
 
 def _actor_record(actor: Actor) -> ActorRecord:
