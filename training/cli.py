@@ -35,7 +35,8 @@ class Train:
     out: Path | None = None
     """Run folder; by default runs/PRESET-PLACE-seedN."""
     resume: bool = False
-    """Go on from the checkpoint in the run folder, to the same result."""
+    """Go on from the checkpoint in the run folder, to the same result; all other options are
+    those the run was started with."""
     layout: LayoutName | None = None
     """Another observation layout than the preset's."""
     updates: int | None = None

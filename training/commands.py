@@ -39,6 +39,8 @@ def train(options: "cli.Train", typed: str, *, now_s: Callable[[], float]) -> in
     else:
         trainer = start_run(_record(options, place, typed), folder)
     console = Console()
+    if options.stage == "obstacles" and options.init is None and not options.resume:
+        console.print("no --init: from random networks, not from those of a free run")
     console.print(f"run {folder.folder}: {trainer.updates} of {trainer.preset.updates} updates")
     with stop_on_signal() as stop, _reporter(console) as reporter:
         over = run(trainer, folder, reporter.report, now_s=now_s, stop=stop)
