@@ -19,6 +19,7 @@ from companion.world.frames import GeoPoint
 
 DEFAULT_ACTOR = "paper-free"
 MOCK_PREFIX = "mock:"
+V_MAX_LOW_MPS = 0.1
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,9 @@ class RunConfig:
     """Take off to this height above the ground (m)."""
     on_exit: Literal["hold", "land", "rtl", "none"] = "hold"
     """What to ask of the vehicle at the end; none just stops the stream."""
+    cap_by_failsafe: bool = False
+    """Lower --v-max until the vehicle, should this program die, stops within --margin. The
+    vehicle's own failsafe parameters say how far it flies blind; they are read, never written."""
     shadow: bool = False
     """Decide and record, send no setpoint and no command."""
     record: Path = Path("sessions")
@@ -77,7 +81,7 @@ class RunConfig:
             raise UsageError("--connect is missing, for example --connect udp:0.0.0.0:14540")
         if self.connect.startswith(MOCK_PREFIX) and self.connect != "mock:px4":
             raise UsageError(f"--connect {self.connect}: the built-in mock vehicle is mock:px4")
-        _check_range("--v-max", self.v_max, 0.1, 20.0, "m/s")
+        _check_range("--v-max", self.v_max, V_MAX_LOW_MPS, 20.0, "m/s")
         _check_range("--rate-hz", self.rate_hz, 5.0, 100.0, "Hz")
         _check_range("--margin", self.margin, 0.5, 20.0, "m")
         if self.takeoff is not None:

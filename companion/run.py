@@ -12,9 +12,10 @@ from typing import Any
 import msgspec
 
 from companion import clock
-from companion.config import MOCK_PREFIX, RunConfig
+from companion.config import MOCK_PREFIX, V_MAX_LOW_MPS, RunConfig
 from companion.control import ARRIVAL_RADIUS_M, Flight, Mission
 from companion.errors import LinkLostError, RefusedError
+from companion.guidance.failsafe import SpeedCap, failsafe_of, parameters_wanted
 from companion.guidance.shield import Shield, ShieldLimits
 from companion.guidance.situation import Outcome, Plan
 from companion.link.vehicle import MavlinkVehicle, connect
@@ -26,6 +27,7 @@ from companion.session.folder import create_session_folder, write_config, write_
 from companion.session.recorder import Recorder
 from companion.session.records import (
     ActorRecord,
+    Event,
     Raw,
     Record,
     SessionEnd,
@@ -34,10 +36,11 @@ from companion.session.records import (
     map_record,
 )
 from companion.session.summary import Summary
-from companion.vehicle import RequestKind
+from companion.vehicle import RequestKind, Severity
 from companion.world.maps import Map, load_map
 
 CONNECT_TIMEOUT_S = 10.0
+PARAMETERS_TIMEOUT_S = 1.5
 RECORDER_CLOSE_S = 20.0
 _ON_EXIT = {
     "hold": RequestKind.HOLD,
@@ -86,6 +89,7 @@ def run(config: RunConfig) -> Summary:
             tap=tap,
         )
         with contextlib.closing(vehicle):
+            cap = _speed_cap(vehicle, config)
             folder = create_session_folder(config.record, start_utc)
             _write(lambda: write_config(folder, config.as_dict()), folder)
             recorder = Recorder(folder, live=config.rerun)
@@ -102,7 +106,7 @@ def run(config: RunConfig) -> Summary:
                         link=url,
                     ),
                     config=config.as_dict(),
-                    v_max_mps=config.v_max,
+                    v_max_mps=cap.v_max_mps,
                     margin_m=config.margin,
                     arrival_radius_m=ARRIVAL_RADIUS_M,
                 )
@@ -110,8 +114,10 @@ def run(config: RunConfig) -> Summary:
             for record in early:
                 recorder.put(record)
             taps.append(recorder.put)
-            summary = _fly(vehicle, config, city, actor, target, recorder, start_s)
-    summary = msgspec.structs.replace(summary, session_dir=str(folder))
+            severity = Severity.WARNING if cap.exceeds else Severity.INFO
+            recorder.put(Event(clock.now_s() - start_s, severity, "companion", cap.words))
+            summary = _fly(vehicle, config, city, actor, target, cap.v_max_mps, recorder, start_s)
+    summary = msgspec.structs.replace(summary, session_dir=str(folder), v_max_mps=cap.v_max_mps)
     recorder.put(SessionEnd(summary))
     _write(lambda: write_summary(folder, summary), folder)
     if not recorder.close(RECORDER_CLOSE_S):
@@ -121,12 +127,32 @@ def run(config: RunConfig) -> Summary:
     return summary
 
 
+def _speed_cap(vehicle: MavlinkVehicle, config: RunConfig) -> SpeedCap:
+    """Return the speed to fly with, from what the vehicle would do without us; say it once.
+
+    Raises:
+        RefusedError: If no speed that is worth flying keeps blind travel within the margin.
+    """
+    autopilot = vehicle.info.autopilot
+    parameters = vehicle.read_params(parameters_wanted(autopilot), PARAMETERS_TIMEOUT_S)
+    failsafe = failsafe_of(autopilot, parameters)
+    cap = failsafe.cap(config.v_max, config.margin, obey=config.cap_by_failsafe)
+    if cap.v_max_mps < V_MAX_LOW_MPS:
+        raise RefusedError(f"{cap.words}; too slow to fly: raise --margin or shorten the time-out")
+    _LOG.info("%s", failsafe.sentence)
+    if failsafe.assumed:
+        _LOG.info("not read, defaults assumed: %s", ", ".join(failsafe.assumed))
+    _LOG.log(logging.WARNING if cap.exceeds else logging.INFO, "%s", cap.words)
+    return cap
+
+
 def _fly(
     vehicle: MavlinkVehicle,
     config: RunConfig,
     city: Map,
     actor: Actor,
     target: TargetSource,
+    v_max_mps: float,
     recorder: Recorder,
     start_s: float,
 ) -> Summary:
@@ -146,9 +172,9 @@ def _fly(
         shadow=config.shadow,
         stream_before_external=info.needs_stream_before_external,
     )
-    mission = Mission(city, actor, plan, target, config.v_max, config.rate_hz)
+    mission = Mission(city, actor, plan, target, v_max_mps, config.rate_hz)
     limits = ShieldLimits(
-        v_max_mps=config.v_max, margin_m=config.margin, period_s=1.0 / config.rate_hz
+        v_max_mps=v_max_mps, margin_m=config.margin, period_s=1.0 / config.rate_hz
     )
     shield = Shield(city, limits)
     with _stop_flag() as stop_requested:

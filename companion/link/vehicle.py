@@ -6,7 +6,7 @@ lives on when the caller hangs: when the loop stops, the stream and the heartbea
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -254,23 +254,28 @@ class MavlinkVehicle:
     # -- before flight ---------------------------------------------------------------------
 
     def read_param(self, name: str, timeout_s: float = 3.0) -> int | float | None:
-        """Ask for a parameter and wait for it; for use before flight, since it blocks.
+        """Return one parameter, ``None`` if no answer came; as ``read_params``."""
+        return self.read_params([name], timeout_s).get(name)
+
+    def read_params(self, names: Iterable[str], timeout_s: float = 3.0) -> dict[str, int | float]:
+        """Ask for parameters and wait for them; for use before flight, since it blocks.
 
         Args:
-            name: At most 16 ASCII characters.
+            names: Each of at most 16 ASCII characters.
             timeout_s: Firmwares answer an unknown name with silence.
 
         Returns:
-            Its value, an ``int`` where the parameter is one; ``None`` if no answer came.
+            The values that came, each an ``int`` where the parameter is one.
         """
         parameters = self._parameters
-        parameters.expect(name)
+        parameters.expect(names)
         deadline_s = self.now_s() + timeout_s
-        while parameters.value is None and self.now_s() < deadline_s:
-            self._connection.send(messages.read_param(self._system_id, name))
+        while parameters.missing and self.now_s() < deadline_s:
+            for name in parameters.missing:
+                self._connection.send(messages.read_param(self._system_id, name))
             retry_s = min(_PARAM_RETRY_S, deadline_s - self.now_s())
-            self._wait_for(lambda: parameters.value is not None, retry_s)
-        return parameters.value
+            self._wait_for(lambda: not parameters.missing, retry_s)
+        return dict(parameters.values)
 
     def wait_for_version(self, timeout_s: float) -> None:
         """Wait until the firmware's version is known, but not longer than ``timeout_s``."""

@@ -18,6 +18,8 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     """To the target."""
     min_clearance_m: float | None = None
     max_speed_mps: float | None = None
+    v_max_mps: float | None = None
+    """Speed cap of the flight; below ``--v-max`` where ``--cap-by-failsafe`` lowered it."""
     setpoints_sent: int = 0
     setpoint_rate_hz: float | None = None
     jitter_p99_ms: float | None = None

@@ -304,3 +304,31 @@ def test_truncated_and_foreign_actor_files(run, tmp_path, constant_actor):
         code, line = refused(run("--connect", "mock:px4", "--actor", tmp_path / name))
         assert code == 5
         assert name in line
+
+
+def test_speed_is_capped_by_what_the_vehicle_does_without_us(run, constant_actor):
+    """PX4's defaults: 1 s on, then braking; 2.6 m/s keep that within 5 m."""
+    started = run(
+        "--connect", "mock:px4", "--actor", constant_actor((1.0, 0.0, 0.0)),
+        "--map", "env1", "--target", "34,10,6", "--margin", 5, "--cap-by-failsafe", *UP,
+    )  # fmt: skip
+    summary = started.finish()
+    assert summary["outcome"] == "arrived", summary
+    assert summary["v_max_mps"] == pytest.approx(2.61, abs=0.01)
+    assert summary["max_speed_mps"] < 2.9
+    log = "".join(started.log)
+    assert "if this program dies, PX4 flies on for 1.0 s" in log
+    assert "v_max lowered from 5 to 2.6 m/s" in log
+
+
+def test_without_the_flag_blind_travel_is_only_told(run, constant_actor):
+    started = run(
+        "--connect", "mock:px4", "--actor", constant_actor(), "--map", "env1",
+        "--target", "34,10,6", "--shadow",
+    )  # fmt: skip
+    started.wait_for("waiting: ")
+    started.process.send_signal(signal.SIGINT)
+    assert started.finish()["v_max_mps"] == 5.0
+    (line,) = (line for line in started.log if "blind travel" in line)
+    assert "13.3 m" in line
+    assert "1.3 m/s" in line
