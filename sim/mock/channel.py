@@ -6,6 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sim.mock.modes import Mode
 from sim.mock.px4 import Px4
 from sim.mock.streams import STREAMS
 
@@ -27,6 +28,8 @@ class Channel:
     def __init__(self, *, ground: bool) -> None:
         self._codec: Any = mavlink.MAVLink(None, srcSystem=SYSTEM_ID, srcComponent=COMPONENT_ID)
         self._codec.robust_parsing = True
+        self.shown_mode: Mode | None = None
+        """The mode in the newest HEARTBEAT: what the other end can know."""
         self._default_hz = {
             id_: stream.ground_hz if ground else stream.onboard_hz
             for id_, stream in STREAMS.items()
@@ -107,8 +110,11 @@ class Channel:
             missed = math.floor((now_s - due_s + 1e-9) / interval_s)
             self._due_s[id_] = due_s + (missed + 1) * interval_s
             message = STREAMS[id_].build(px4)
-            if message is not None:
-                self.send(message)
+            if message is None:
+                continue
+            self.send(message)
+            if id_ == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+                self.shown_mode = px4.mode
         self._send_changes(px4)
         if now_s >= self._ping_due_s and px4.estimator.attitude_known(now_s):
             self._ping_due_s = math.floor(now_s) + 1.0

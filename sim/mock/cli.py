@@ -32,7 +32,7 @@ links
   udpin:HOST:PORT   listens, and answers everyone who calls (udp: means the same)
   tcpin:HOST:PORT   waits for one client;  tcp:HOST:PORT calls one
   A link on port 14550 has the rates of PX4's ground-station port, any other those of the
-  onboard port (about 400 messages a second). STATUSTEXT goes only to links on which a
+  onboard port (about 430 messages a second). STATUSTEXT goes only to links on which a
   HEARTBEAT of type GCS was heard. Heartbeats and messages for others are passed on.
 
 identity
@@ -47,6 +47,13 @@ targets  --target kind=waypoints,sysid=42,...
 
 faults  --fault t=SECONDS,kind=KIND[,from=start|arm|offboard][,for=SECONDS][,key=value...]
 {kinds}
+
+report  --report FILE, written at the end as JSON
+  contacts (time, place, speed), min_clearance_m, left_map, distance_flown_m, max_speed_mps,
+  setpoints_received, setpoints_outside_offboard, setpoints_refused, setpoints_by_sender,
+  setpoints_after_mode_shown (sent although a HEARTBEAT had shown that OFFBOARD is over: 0 or 1
+  for a good companion), timeline of modes. A contact is also logged here and sent as STATUSTEXT
+  and NAMED_VALUE_INT "contacts".
 
 examples
   The companion:      companion mock --connect udpout:127.0.0.1:14540 --map env1

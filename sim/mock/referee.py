@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from companion.arrays import FloatArray
+from sim.mock.modes import Mode
 from sim.mock.placement import Place
 from sim.mock.px4 import Px4
 
@@ -35,18 +36,29 @@ class Referee:
     timeline: list[tuple[float, str]] = field(default_factory=list)
     """Changes of mode and arming, as (time, words)."""
     setpoints_by_sender: dict[str, int] = field(default_factory=dict)
+    setpoints_after_mode_shown: int = 0
+    """Setpoints sent although a HEARTBEAT had said that OFFBOARD is over: a good companion has
+    none of them but for the one that was under way."""
     _last_enu_m: FloatArray | None = None
     _touching: bool = False
+    _offboard_flown: bool = False
 
     def note(self, time_s: float, words: str) -> None:
         """Add to the timeline, if it says something new."""
         if not self.timeline or self.timeline[-1][1] != words:
             self.timeline.append((round(time_s, 3), words))
 
-    def count_setpoint(self, system: int, component: int) -> None:
-        """Count one setpoint message by who sent it."""
-        sender = f"{system}/{component}"
+    def count_setpoint(self, sender: str, mode: Mode, shown_mode: Mode | None) -> None:
+        """Count one setpoint message.
+
+        Args:
+            sender: ``system/component``.
+            mode: The mode the vehicle is in.
+            shown_mode: The mode in the newest HEARTBEAT on the sender's link.
+        """
         self.setpoints_by_sender[sender] = self.setpoints_by_sender.get(sender, 0) + 1
+        if self._offboard_flown and mode is shown_mode and mode is not Mode.OFFBOARD:
+            self.setpoints_after_mode_shown += 1
 
     def observe(self, time_s: float, px4: Px4) -> Contact | None:
         """Look at the vehicle; called every ``PERIOD_S``.
@@ -57,6 +69,7 @@ class Referee:
         armed = "armed" if px4.armed else "disarmed"
         cause = f" (failsafe: {px4.failsafe.cause.value})" if px4.failsafe.cause else ""
         self.note(time_s, f"{px4.mode.name} {armed}{cause}")
+        self._offboard_flown |= px4.armed and px4.mode is Mode.OFFBOARD
         here = self.place.to_map(px4.body.position_m)
         last = here if self._last_enu_m is None else self._last_enu_m
         self._last_enu_m = here
@@ -98,6 +111,7 @@ class Referee:
             "setpoints_received": px4.setpoints_received,
             "setpoints_outside_offboard": px4.setpoints_outside_offboard,
             "setpoints_refused": px4.setpoints_refused,
+            "setpoints_after_mode_shown": self.setpoints_after_mode_shown,
             "setpoints_by_sender": self.setpoints_by_sender,
             "timeline": self.timeline,
         }

@@ -165,7 +165,8 @@ class MockVehicle:
         if not incoming.is_for_us(message):
             return
         if message.get_type() in SETPOINTS:
-            self.referee.count_setpoint(message.get_srcSystem(), message.get_srcComponent())
+            sender = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
+            self.referee.count_setpoint(sender, self.px4.mode, channel.shown_mode)
         incoming.handle(self.px4, channel, message)
 
     def _route(self, link: int, message: Any) -> None:

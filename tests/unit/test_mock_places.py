@@ -241,6 +241,25 @@ def test_the_timeline_tells_modes_and_failsafes(yard):
     ]
 
 
+def test_a_companion_that_ignores_mode_changes_is_told_from_one_that_does_not():
+    def after_takeover(*, stubborn):
+        settings = Settings(place_vehicle(None, None))
+        bench = airborne(settings, faults=["from=offboard,t=14,kind=rc_takeover"])
+        shown = len(bench.all("HEARTBEAT"))
+        hover = bench.velocity(0.0, 0.0, 0.0)
+
+        def taken():
+            return bench.last("HEARTBEAT").custom_mode == 0x00030000
+
+        assert bench.run(10.0, stream=hover, until=taken)
+        assert len(bench.all("HEARTBEAT")) > shown
+        bench.run(3.0, stream=hover if stubborn else None)
+        return bench.vehicle.report()["setpoints_after_mode_shown"]
+
+    assert after_takeover(stubborn=False) <= 1
+    assert after_takeover(stubborn=True) >= 59
+
+
 # -- dynamics ------------------------------------------------------------------------------
 
 
