@@ -211,11 +211,25 @@ class Shield:
         # What even braking loses cannot be asked for; it must be won back.
         slack_m = np.minimum(scene.slack_m, scene.least_slack_m(np.zeros((1, 3)))[0])
         lost_m = np.maximum(-slack_m, 0.0)
+        chosen = self._nearest_safe(proposal, scene, lost_m)
+        if lost_m.max() > _EMERGENCY_SHARE * self.limits.margin_m:
+            return chosen, ShieldReason.EMERGENCY
+        if chosen @ chosen < _BLOCKED_SHARE**2 * (proposal @ proposal):
+            return chosen, ShieldReason.BLOCKED
+        return chosen, _reason(scene, entered)
+
+    def _nearest_safe(self, proposal: FloatArray, scene: Scene, lost_m: FloatArray) -> FloatArray:
+        """Return the velocity nearest to the proposal that passes; the least bad if none does.
+
+        Args:
+            proposal: Does not pass itself.
+            scene: What is near.
+            lost_m: How much of each margin is lost even if the vehicle brakes now, ``(B,)``.
+        """
         normal = scene.nearest_normal()
         out_mps = self._out_mps(normal, lost_m)
-        reason = _reason(scene, entered)
-        if lost_m.max() > _EMERGENCY_SHARE * self.limits.margin_m:
-            reason = ShieldReason.EMERGENCY
+        lost = lost_m > 0.0
+        bearable_m = scene.hazards.keep_m - lost_m - np.where(lost, _ALIKE_M, 0.0)
 
         # The fan is coarse and dear: only where no walls without end can be kept.
         candidates = self._limited(self._within_walls(proposal, scene, out_mps))
@@ -223,23 +237,17 @@ class Shield:
             if coarse:
                 around = self._limited(fan(proposal, self.limits.restore_max_mps))
                 candidates = np.concatenate((candidates, around))
-            missing_mps = np.maximum(out_mps - candidates @ normal.T, 0.0)
-            missing_mps = np.where(out_mps > 0.0, missing_mps, 0.0).max(axis=1)
-            bearable_m = keep_m - lost_m - np.where(lost_m > 0.0, _ALIKE_M, 0.0)
+            missing_mps = np.where(lost, out_mps - candidates @ normal.T, 0.0).max(axis=1)
             safe = ~scene.entered(candidates, bearable_m).any(axis=1)
             leads = safe & (missing_mps < _ALIKE_MPS)
             if leads.any():
-                chosen = _nearest(candidates[leads], proposal)
-                return chosen, _blocked_or(reason, proposal, chosen)
+                return _nearest(candidates[leads], proposal)
         if safe.any():
             # Between two walls: what gives way to both of them alike.
             candidates, missing_mps = candidates[safe], missing_mps[safe]
-            candidates = candidates[missing_mps < missing_mps.min() + _ALIKE_MPS]
-        else:
-            least_m = scene.least_slack_m(candidates).min(axis=1)
-            candidates = candidates[least_m > least_m.max() - _ALIKE_M]
-        chosen = _nearest(candidates, proposal)
-        return chosen, _blocked_or(reason, proposal, chosen)
+            return _nearest(candidates[missing_mps < missing_mps.min() + _ALIKE_MPS], proposal)
+        least_m = scene.least_slack_m(candidates).min(axis=1)
+        return _nearest(candidates[least_m > least_m.max() - _ALIKE_M], proposal)
 
     def _within_walls(self, proposal: FloatArray, scene: Scene, out_mps: FloatArray) -> FloatArray:
         """Return the proposal and what is nearest to it with regard to all walls, ``(n, 3)``."""
@@ -307,12 +315,3 @@ def _reason(scene: Scene, entered: npt.NDArray[np.bool_]) -> ShieldReason:
     if slack_m[nearest] < -_INSIDE_M:
         return ShieldReason.LEADING_OUT
     return _REASONS[Kind(int(scene.hazards.kind[nearest]))]
-
-
-def _blocked_or(reason: ShieldReason, proposal: FloatArray, chosen: FloatArray) -> ShieldReason:
-    """Return ``BLOCKED`` where next to nothing of the proposal is left, else the reason."""
-    if reason is ShieldReason.EMERGENCY:
-        return reason
-    if chosen @ chosen < _BLOCKED_SHARE**2 * (proposal @ proposal):
-        return ShieldReason.BLOCKED
-    return reason
