@@ -84,7 +84,9 @@ class Flight:
         self._record, self._stop_requested = record, stop_requested
         self._start_s = vehicle.now_s()
         self._session_start_s = self._start_s if session_start_s is None else session_start_s
-        self._positions = Positions(mission.map, mission.target)
+        self._positions = Positions(
+            mission.map, mission.target, earth_radius_m=vehicle.info.earth_radius_m
+        )
         self._supervisor = Supervisor(mission.plan, now_s=self._start_s)
         self._metrics = Metrics(start_s=self._start_s, rate_hz=mission.rate_hz)
         self._policy_failures = 0

@@ -43,8 +43,18 @@ class Pose:
 class Positions:
     """Owns the tie between map and local frame, and the target's track."""
 
-    def __init__(self, city: Map, source: TargetSource) -> None:
+    def __init__(
+        self, city: Map, source: TargetSource, *, earth_radius_m: float | None = None
+    ) -> None:
+        """Start with nothing known.
+
+        Args:
+            city: The map.
+            source: Where the target comes from.
+            earth_radius_m: ``VehicleInfo.earth_radius_m``.
+        """
         self._map = city
+        self._earth_radius_m = earth_radius_m
         self._source = source
         self._tie: LocalTie | None = None
         self._tied_with_origin = False
@@ -105,12 +115,14 @@ class Positions:
         return position_enu_m
 
     def _tie_map(self, state: VehicleState) -> LocalTie | None:
-        if self._map.origin is None:
-            launch = self._map.launch_enu_m
-            return None if launch is None else LocalTie.from_launch(launch, state.origin)
-        return (
-            None if state.origin is None else LocalTie.from_origins(self._map.origin, state.origin)
-        )
+        city, radius_m = self._map, self._earth_radius_m
+        if city.origin is None:
+            if city.launch_enu_m is None:
+                return None
+            return LocalTie.from_launch(city.launch_enu_m, state.origin, earth_radius_m=radius_m)
+        if state.origin is None:
+            return None
+        return LocalTie.from_origins(city.origin, state.origin, earth_radius_m=radius_m)
 
     def _take_reports(self, tie: LocalTie, reports: Mapping[int, TargetReport]) -> None:
         if self._geodetic_pending is not None:

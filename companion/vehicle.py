@@ -77,6 +77,8 @@ class VehicleInfo:
     """Firmware version in words, empty where it is not known."""
     needs_stream_before_external: bool
     """PX4 wants setpoints before it enters OFFBOARD; ArduPilot's take-off dies of them."""
+    earth_radius_m: float | None = None
+    """Radius of the sphere on which it lays its local frame; ``None`` where that is exact."""
 
 
 @dataclass(frozen=True, slots=True)

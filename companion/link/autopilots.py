@@ -32,6 +32,8 @@ class Autopilot(Protocol):
     name: str
     needs_stream_before_external: bool
     """Whether setpoints must flow before external mode is asked for; else they must not."""
+    earth_radius_m: float
+    """Radius of the sphere on which it turns latitude and longitude into its local frame."""
     stream_rates_hz: Mapping[int, float]
     """Messages the companion lives on, by id, each with the rate it wants."""
     estimator_message_id: int
@@ -135,6 +137,7 @@ class Px4:
 
     name = "px4"
     needs_stream_before_external = True
+    earth_radius_m = 6_371_000.0  # CONSTANTS_RADIUS_OF_EARTH
     estimator_message_id = dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS
     stream_rates_hz: Mapping[int, float] = {
         dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 30.0,
@@ -244,6 +247,7 @@ class ArduPilot:
 
     name = "ardupilot"
     needs_stream_before_external = False
+    earth_radius_m = 6_378_100.0  # LOCATION_SCALING_FACTOR: 0.0111318845 m in 1e-7 degrees
     estimator_message_id = dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT
     stream_rates_hz: Mapping[int, float] = {
         dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 30.0,

@@ -146,6 +146,7 @@ class MavlinkVehicle:
         self._packets_received = 0
         self._packets_foreign = 0
         self._setpoints_sent = 0
+        self._global_position: Received | None = None
         self._from_autopilot: Mapping[int, Callable[[Any, float], None]] = {
             dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._requests.hear_ack,
             dialect.MAVLINK_MSG_ID_TIMESYNC: self._hear_timesync,
@@ -167,6 +168,7 @@ class MavlinkVehicle:
             autopilot=self._autopilot.name,
             version=self._telemetry.version,
             needs_stream_before_external=self._autopilot.needs_stream_before_external,
+            earth_radius_m=self._autopilot.earth_radius_m,
         )
 
     def now_s(self) -> float:
@@ -277,6 +279,25 @@ class MavlinkVehicle:
             self._wait_for(lambda: not parameters.missing, retry_s)
         return dict(parameters.values)
 
+    def global_position(self) -> TargetReport | None:
+        """Return the vehicle's newest GLOBAL_POSITION_INT, to check the local frame by it.
+
+        ``None`` if none was heard, or it holds no place. It is not a part of ``state``: the loop
+        flies by the local frame alone.
+        """
+        received = self._global_position
+        message = None if received is None else self._connection.codec.decode(received)
+        if received is None or message is None:
+            return None
+        heard = Targets([self._system_id])
+        heard.global_position(message, self._system_id, received.time_s)
+        return heard.reports().get(self._system_id)
+
+    def request_global_position(self) -> None:
+        """Ask once for GLOBAL_POSITION_INT; ArduPilot streams nothing unasked."""
+        wanted = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+        self._connection.send(messages.request_message(self._system_id, wanted))
+
     def wait_for_version(self, timeout_s: float) -> None:
         """Wait until the firmware's version is known, but not longer than ``timeout_s``."""
         self._wait_for(lambda: bool(self._telemetry.version), timeout_s)
@@ -341,6 +362,9 @@ class MavlinkVehicle:
         now_s = received.time_s
         if received.message_id == dialect.MAVLINK_MSG_ID_PARAM_VALUE:
             self._parameters.hear(received)
+            return
+        if received.message_id == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
+            self._global_position = received
             return
         take = self._from_autopilot.get(received.message_id)
         take_state = self._telemetry.handlers.get(received.message_id)

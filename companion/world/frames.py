@@ -65,14 +65,21 @@ def enu_to_geodetic(origin: GeoPoint, position_enu_m: FloatArray) -> GeoPoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalTie:
-    """Ties the map frame to the autopilot's local NED: one rotation, one translation.
+    """Ties the map frame to the autopilot's local NED: one linear map, one translation.
 
     Make one with ``from_origins`` or ``from_launch``, and a new one whenever the autopilot's
     origin moves.
+
+    Autopilots lay their local frame on a sphere, so their metres are not quite metres: PX4's are
+    0.3 % short from east to west at 47 degrees north. ``earth_radius_m`` undoes that, to a
+    centimetre within half a kilometre of the local origin.
     """
 
     local_to_map: FloatArray  # (3, 3)
-    """Rotation from local ENU to map ENU: the identity but for the angle between the axes."""
+    """From local ENU axes to map axes: the identity but for the angle between the axes and the
+    scale of the autopilot's sphere."""
+    earth_to_map: FloatArray  # (3, 3)
+    """The same for true metres around the local origin."""
     local_origin_enu_m: FloatArray  # (3,)
     """Where local NED is zero, on the map."""
     local_origin: GeoPoint | None
@@ -81,29 +88,55 @@ class LocalTie:
     """The map's south-west ground corner on earth; ``None`` when nobody knows."""
 
     @classmethod
-    def from_origins(cls, map_origin: GeoPoint, local_origin: GeoPoint) -> "LocalTie":
-        """Tie a georeferenced map to the local frame, exactly, through ECEF."""
+    def from_origins(
+        cls, map_origin: GeoPoint, local_origin: GeoPoint, *, earth_radius_m: float | None = None
+    ) -> "LocalTie":
+        """Tie a georeferenced map to the local frame through ECEF.
+
+        Args:
+            map_origin: The map's south-west ground corner.
+            local_origin: Where local NED is zero.
+            earth_radius_m: Radius of the autopilot's sphere; ``None`` where its metres are true.
+        """
+        rotation = _rotation(local_origin, map_origin)
         return cls(
-            local_to_map=_rotation(local_origin, map_origin),
+            local_to_map=rotation * _true_metres(local_origin, earth_radius_m),
+            earth_to_map=rotation,
             local_origin_enu_m=geodetic_to_enu(map_origin, local_origin),
             local_origin=local_origin,
             map_origin=map_origin,
         )
 
     @classmethod
-    def from_launch(cls, launch_enu_m: FloatArray, local_origin: GeoPoint | None) -> "LocalTie":
+    def from_launch(
+        cls,
+        launch_enu_m: FloatArray,
+        local_origin: GeoPoint | None,
+        *,
+        earth_radius_m: float | None = None,
+    ) -> "LocalTie":
         """Lay a map without a place on earth around the local origin, axes parallel.
+
+        The map's metres are then the autopilot's own.
 
         Args:
             launch_enu_m: The map's point at which local NED is zero, shape ``(3,)``.
             local_origin: Where that is on earth, if known; only the geodetic conversions need it.
+            earth_radius_m: Radius of the autopilot's sphere; ``None`` where its metres are true.
         """
         launch_m = np.array(launch_enu_m, dtype=np.float64)
+        earth_to_map, map_origin = np.eye(3), None
+        if local_origin is not None:
+            true_metres = _true_metres(local_origin, earth_radius_m)
+            earth_to_map = np.diag(1.0 / true_metres)
+            corner_enu_m: FloatArray = -launch_m * true_metres
+            map_origin = enu_to_geodetic(local_origin, corner_enu_m)
         return cls(
             local_to_map=np.eye(3),
+            earth_to_map=earth_to_map,
             local_origin_enu_m=launch_m,
             local_origin=local_origin,
-            map_origin=None if local_origin is None else enu_to_geodetic(local_origin, -launch_m),
+            map_origin=map_origin,
         )
 
     def position_to_map(self, position_ned_m: FloatArray) -> FloatArray:
@@ -121,7 +154,8 @@ class LocalTie:
 
     def velocity_to_local(self, velocity_enu_mps: FloatArray) -> FloatArray:
         """Return map ENU velocities in local NED, shape ``(..., 3)``."""
-        return enu_to_ned(np.asarray(velocity_enu_mps, dtype=np.float64) @ self.local_to_map)
+        map_to_local = np.linalg.inv(self.local_to_map)
+        return enu_to_ned(np.asarray(velocity_enu_mps, dtype=np.float64) @ map_to_local.T)
 
     def geodetic_to_map(self, point: GeoPoint) -> FloatArray:
         """Return a point on earth in map ENU, shape ``(3,)``.
@@ -130,7 +164,7 @@ class LocalTie:
             MapError: If nobody knows where the local origin is on earth.
         """
         local_enu_m = geodetic_to_enu(self._known_origin(), point)
-        position_enu_m: FloatArray = self.local_to_map @ local_enu_m + self.local_origin_enu_m
+        position_enu_m: FloatArray = self.earth_to_map @ local_enu_m + self.local_origin_enu_m
         return position_enu_m
 
     def map_to_geodetic(self, position_enu_m: FloatArray) -> GeoPoint:
@@ -139,8 +173,8 @@ class LocalTie:
         Raises:
             MapError: If nobody knows where the local origin is on earth.
         """
-        local_enu_m = (np.asarray(position_enu_m) - self.local_origin_enu_m) @ self.local_to_map
-        return enu_to_geodetic(self._known_origin(), local_enu_m)
+        offset_m = np.asarray(position_enu_m) - self.local_origin_enu_m
+        return enu_to_geodetic(self._known_origin(), np.linalg.solve(self.earth_to_map, offset_m))
 
     def _known_origin(self) -> GeoPoint:
         if self.local_origin is None:
@@ -155,3 +189,19 @@ def _rotation(from_point: GeoPoint, to_point: GeoPoint) -> FloatArray:
     ecef = pymap3d.enu2uvw(*np.eye(3), from_point.latitude_deg, from_point.longitude_deg)
     enu = pymap3d.ecef2enuv(*ecef, to_point.latitude_deg, to_point.longitude_deg)
     return np.array(enu, dtype=np.float64)
+
+
+def _true_metres(place: GeoPoint, earth_radius_m: float | None) -> FloatArray:
+    """Return how many true metres one metre of a sphere is, east, north and up, ``(3,)``.
+
+    The ellipsoid's radii of curvature at ``place`` over the radius of the sphere.
+    """
+    if earth_radius_m is None:
+        return np.ones(3)
+    ellipsoid = pymap3d.Ellipsoid.from_name("wgs84")
+    sin_latitude = np.sin(np.radians(place.latitude_deg))
+    flatness = 1.0 - (ellipsoid.eccentricity * sin_latitude) ** 2
+    east_m = ellipsoid.semimajor_axis / np.sqrt(flatness) + place.altitude_m
+    meridian = ellipsoid.semimajor_axis * (1.0 - ellipsoid.eccentricity**2)
+    north_m = meridian / flatness**1.5 + place.altitude_m
+    return np.array([east_m / earth_radius_m, north_m / earth_radius_m, 1.0])

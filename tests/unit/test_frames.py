@@ -172,3 +172,59 @@ def test_launch_tie_keeps_its_launch_point():
     tie = LocalTie.from_launch(launch, None)
     launch += 5.0
     np.testing.assert_array_equal(tie.local_origin_enu_m, [10.0, 20.0, 0.0])
+
+
+PX4_RADIUS_M = 6_371_000.0
+
+
+def px4_local_ned_m(origin, point):
+    """PX4's azimuthal equidistant projection on its sphere (lib/geo), written out here."""
+    lat, lon, lat_0, lon_0 = np.radians(
+        [point.latitude_deg, point.longitude_deg, origin.latitude_deg, origin.longitude_deg]
+    )
+    c = np.arccos(
+        np.clip(
+            np.sin(lat_0) * np.sin(lat) + np.cos(lat_0) * np.cos(lat) * np.cos(lon - lon_0), -1, 1
+        )
+    )
+    k = c / np.sin(c) if c > 0 else 1.0
+    north = k * (np.cos(lat_0) * np.sin(lat) - np.sin(lat_0) * np.cos(lat) * np.cos(lon - lon_0))
+    east = k * np.cos(lat) * np.sin(lon - lon_0)
+    down_m = origin.altitude_m - point.altitude_m
+    return np.array([north * PX4_RADIUS_M, east * PX4_RADIUS_M, down_m])
+
+
+@pytest.mark.parametrize("latitude_deg", [47.397742, -35.363261, 0.0, 65.0])
+@pytest.mark.parametrize("offset_m", [(300.0, 0.0), (0.0, 300.0), (-400.0, 250.0)])
+def test_the_sphere_of_an_autopilot_is_undone(latitude_deg, offset_m):
+    corner = GeoPoint(latitude_deg, 8.5, 480.0)
+    origin = enu_to_geodetic(corner, np.array([100.0, 80.0, 8.0]))
+    true_enu_m = np.array([100.0 + offset_m[0], 80.0 + offset_m[1], 30.0])
+    reported_ned_m = px4_local_ned_m(origin, enu_to_geodetic(corner, true_enu_m))
+    tie = LocalTie.from_origins(corner, origin, earth_radius_m=PX4_RADIUS_M)
+    np.testing.assert_allclose(tie.position_to_map(reported_ned_m)[:2], true_enu_m[:2], atol=0.01)
+    np.testing.assert_allclose(
+        tie.position_to_local(tie.position_to_map(reported_ned_m)), reported_ned_m, atol=1e-6
+    )
+
+
+def test_a_sphere_that_is_ignored_costs_a_metre_in_350():
+    corner = GeoPoint(47.397742, 8.545594, 488.0)
+    there_enu_m = np.array([350.0, 0.0, 0.0])
+    reported_ned_m = px4_local_ned_m(corner, enu_to_geodetic(corner, there_enu_m))
+    naive_enu_m = LocalTie.from_origins(corner, corner).position_to_map(reported_ned_m)
+    assert abs(naive_enu_m[0] - there_enu_m[0]) > 1.0
+
+
+def test_on_a_map_without_a_place_targets_share_the_autopilots_metres():
+    origin = GeoPoint(47.397742, 8.545594, 488.0)
+    tie = LocalTie.from_launch(np.array([10.0, 10.0, 0.0]), origin, earth_radius_m=PX4_RADIUS_M)
+    target = enu_to_geodetic(origin, np.array([80.0, 60.0, 20.0]))
+    np.testing.assert_allclose(
+        tie.geodetic_to_map(target)[:2],
+        tie.position_to_map(px4_local_ned_m(origin, target))[:2],
+        atol=0.01,
+    )
+    there = tie.geodetic_to_map(target)
+    np.testing.assert_allclose(tie.geodetic_to_map(tie.map_to_geodetic(there)), there, atol=1e-6)
+    np.testing.assert_allclose(tie.geodetic_to_map(tie.map_origin), np.zeros(3), atol=0.01)
