@@ -174,7 +174,8 @@ class LocalTie:
             MapError: If nobody knows where the local origin is on earth.
         """
         offset_m = np.asarray(position_enu_m) - self.local_origin_enu_m
-        return enu_to_geodetic(self._known_origin(), np.linalg.solve(self.earth_to_map, offset_m))
+        local_enu_m: FloatArray = np.linalg.solve(self.earth_to_map, offset_m).astype(np.float64)
+        return enu_to_geodetic(self._known_origin(), local_enu_m)
 
     def _known_origin(self) -> GeoPoint:
         if self.local_origin is None:
