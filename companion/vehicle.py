@@ -196,6 +196,8 @@ class LinkStats:
     """Bytes that belong to no valid packet."""
     packets_foreign: int = 0
     """Valid packets of systems that are neither the vehicle nor a target."""
+    packets_refused: int = 0
+    """Dropped on a signed link: not signed, another key, replayed, or old."""
     setpoints_sent: int = 0
     rates_hz: Mapping[str, float] = field(default_factory=dict)
     """Measured rate by message name, over the last seconds."""

@@ -6,6 +6,7 @@ https://mavlink.io/en/guide/serialization.html
 """
 
 import re
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -64,7 +65,9 @@ class Parser:
     on a path.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, admits: Callable[[bytes, float], bool] | None = None) -> None:
+        """Ask ``admits(frame, now_s)`` about every packet; one refused is as if never come."""
+        self._admits = admits
         self._pending = b""
         self._pending_since_s = 0.0
         self._last_sequence: dict[tuple[int, int], int] = {}
@@ -96,8 +99,10 @@ class Parser:
                 self._pending = buffer[start:]
                 return packets
             if size and _is_intact(buffer, start, size):
-                packets.append(self._take(buffer[start : start + size], now_s))
                 position = start + size
+                frame = buffer[start:position]
+                if self._admits is None or self._admits(frame, now_s):
+                    packets.append(self._take(frame, now_s))
             else:
                 self.bytes_bad += 1
                 position = start + 1
@@ -155,8 +160,25 @@ def _is_intact(buffer: bytes, start: int, size: int) -> bool:
         end = start + size
         followed = end == len(buffer) or buffer[end] in (_MAGIC_V1, _MAGIC_V2)
         return followed and buffer[start] == _MAGIC_V2
-    crc = dialect.x25crc(buffer[start + 1 : crc_at] + bytes((seed,))).crc
-    return bool(crc == buffer[crc_at] | buffer[crc_at + 1] << 8)
+    return _checksum(buffer[start + 1 : crc_at], seed) == buffer[crc_at : crc_at + 2]
+
+
+def _checksum(content: bytes, seed: int) -> bytes:
+    crc: int = dialect.x25crc(content + bytes((seed,))).crc
+    return crc.to_bytes(2, "little")
+
+
+def reheaded(frame: bytes, *, sequence: int, incompatible: int) -> bytes:
+    """Return an unsigned MAVLink 2 frame with another header, its checksum made anew.
+
+    Args:
+        frame: Of a message that we send, so that its seed is known.
+        sequence: 0 to 255.
+        incompatible: The incompatibility flags.
+    """
+    content = bytes((frame[1], incompatible, frame[3], sequence)) + frame[5:-2]
+    message_id = int.from_bytes(frame[7:10], "little")
+    return frame[:1] + content + _checksum(content, _CRC_SEEDS[message_id])
 
 
 class Codec:

@@ -1,9 +1,14 @@
-"""A transport with its codec: packets in and messages out, every frame of both seen by a tap."""
+"""A transport with its codec: packets in and messages out, every frame of both seen by a tap.
+
+Where the link is signed, packets that are not are dropped here, and the tap never sees them:
+what is recorded is what was acted upon.
+"""
 
 from collections.abc import Callable
 from typing import Any
 
 from companion.link.codec import Codec, Parser, Received
+from companion.link.signing import Signing
 from companion.link.transport import Peer, Transport
 
 Tap = Callable[[bool, float, bytes], None]
@@ -19,10 +24,16 @@ class Connection:
     """Packets of all peers of one transport; messages of one sender."""
 
     def __init__(
-        self, transport: Transport, codec: Codec, now: Callable[[], float], tap: Tap | None = None
+        self,
+        transport: Transport,
+        codec: Codec,
+        now: Callable[[], float],
+        tap: Tap | None = None,
+        signing: Signing | None = None,
     ) -> None:
         self.codec = codec
         self.now = now
+        self.signing = signing
         self._transport = transport
         self._tap = tap
         self._parsers: dict[Peer, Parser] = {}
@@ -49,6 +60,11 @@ class Connection:
     def bytes_bad(self) -> int:
         """Bytes that belong to no valid packet."""
         return sum(parser.bytes_bad for parser in self._parsers.values())
+
+    @property
+    def packets_refused(self) -> int:
+        """Packets of all peers that a signed link dropped."""
+        return 0 if self.signing is None else sum(self.signing.refused.values())
 
     def packets_lost(self, system_id: int, component_id: int) -> int:
         """Return the gaps in one sender's sequence numbers."""
@@ -94,6 +110,8 @@ class Connection:
     def send(self, message: Any) -> bytes:
         """Send one message and return its frame."""
         frame = self.codec.encode(message)
+        if self.signing is not None:
+            frame = self.signing.sign(frame, self.now())
         self._transport.send(frame)
         if self._tap is not None:
             self._tap(True, self.now(), frame)
@@ -108,5 +126,6 @@ class Connection:
         if parser is None:
             if len(self._parsers) >= _MAX_PEERS:
                 del self._parsers[next(iter(self._parsers))]
-            parser = self._parsers[peer] = Parser()
+            admits = None if self.signing is None else self.signing.admits
+            parser = self._parsers[peer] = Parser(admits)
         return parser

@@ -22,6 +22,7 @@ from companion.link.housekeeping import Housekeeping
 from companion.link.inbox import Inbox
 from companion.link.parameters import ParameterReader
 from companion.link.requests import Requests
+from companion.link.signing import Signing, SigningKey, stamp_at
 from companion.link.statustext import encode_text
 from companion.link.targets import Targets
 from companion.link.telemetry import Telemetry
@@ -59,6 +60,7 @@ def connect(
     target_sysids: Sequence[int] = (),
     timeout_s: float = 30.0,
     tap: Tap | None = None,
+    signing_key: SigningKey | None = None,
 ) -> "MavlinkVehicle":
     """Open a link and find the vehicle on it.
 
@@ -68,6 +70,7 @@ def connect(
         target_sysids: Systems whose positions are reported by ``targets``.
         timeout_s: How long to wait for the vehicle.
         tap: Called with ``(sent, time_s, frame)`` for every frame both ways.
+        signing_key: What everybody on the link must sign with; ``None`` leaves it open.
 
     Raises:
         UsageError: If the URL or the system ids make no sense.
@@ -85,6 +88,7 @@ def connect(
             target_sysids=target_sysids,
             timeout_s=timeout_s,
             tap=tap,
+            signing_key=signing_key,
         )
     except BaseException:
         transport.close()
@@ -99,11 +103,16 @@ def attach(
     target_sysids: Sequence[int] = (),
     timeout_s: float = 30.0,
     tap: Tap | None = None,
+    signing_key: SigningKey | None = None,
     now: Callable[[], float] = clock.now_s,
 ) -> "MavlinkVehicle":
     """Find the vehicle on an open transport; ``connect`` tells the rest."""
     own_system_id = _PROVISIONAL_SYSTEM_ID if vehicle_sysid is None else vehicle_sysid
-    connection = Connection(transport, Codec(own_system_id, COMPONENT_ID), now, tap)
+    codec = Codec(own_system_id, COMPONENT_ID)
+    signing = None
+    if signing_key is not None:
+        signing = Signing(signing_key, stamp=stamp_at(clock.utc_now()), now_s=now())
+    connection = Connection(transport, codec, now, tap, signing)
     found = discover(
         connection,
         url=url,
@@ -245,6 +254,7 @@ class MavlinkVehicle:
             packets_lost=self._connection.packets_lost(self._system_id, _AUTOPILOT),
             bytes_bad=self._connection.bytes_bad,
             packets_foreign=self._packets_foreign,
+            packets_refused=self._connection.packets_refused,
             setpoints_sent=self._setpoints_sent,
             rates_hz=self._housekeeping.rates.rates_hz(),
         )
