@@ -16,6 +16,8 @@ _LIVE_WINDOW_S = 60.0
 _ALWAYS = rrb.TimeRange(
     start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite()
 )
+_WHOLE = rrb.VisibleTimeRange("session", start=_ALWAYS.start, end=_ALWAYS.end)
+_PATH_WIDTHS = {"vehicle": 2.5, "target": 1.2}
 _LAST_MINUTE = rrb.TimeRange(
     start=rrb.TimeRangeBoundary.cursor_relative(seconds=-_LIVE_WINDOW_S),
     end=rrb.TimeRangeBoundary.cursor_relative(),
@@ -34,7 +36,7 @@ def blueprint(start: SessionStart, *, live: bool) -> rrb.Blueprint:
     shows all sessions of this application in one layout.
     """
     window = _LAST_MINUTE if live else _ALWAYS
-    scenes = [_city(start.map), _top(start.map), _chase(start.map)]
+    scenes = [_city(start.map), _plan(start.map), _chase(start.map)]
     plots = [
         _page(
             "Flight",
@@ -81,7 +83,7 @@ def blueprint(start: SessionStart, *, live: bool) -> rrb.Blueprint:
 
 def map_blueprint(city: MapRecord) -> rrb.Blueprint:
     """Return the layout of a map alone."""
-    return rrb.Blueprint(rrb.Tabs(_city(city), _top(city), active_tab="City"), collapse_panels=True)
+    return rrb.Blueprint(_city(city), collapse_panels=True)
 
 
 def _city(city: MapRecord) -> rrb.Spatial3DView:
@@ -112,13 +114,25 @@ def _stand_back(shown_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     return eye_m, eye_m + (distance_m + depth_m.mean()) * ahead  # orbits turn round the middle
 
 
-def _top(city: MapRecord) -> rrb.Spatial3DView:
-    """See the map from straight above, north up."""
+def _plan(city: MapRecord) -> rrb.Spatial2DView:
+    """See the plan, north up, with a rim around it."""
     east_m, north_m, _ = city.size_m
-    centre_m = (0.5 * east_m, 0.5 * north_m, 0.0)
-    eye_m = (centre_m[0], centre_m[1], 1.3 * max(east_m, north_m))
-    eye = rrb.EyeControls3D(position=eye_m, look_target=centre_m, eye_up=(0.0, 1.0, 0.0))
-    return _scene("Top", eye, hidden=("world/map/geofence",))
+    rim_m = 0.05 * max(east_m, north_m)
+    return rrb.Spatial2DView(
+        origin="plan",
+        name="Plan",
+        background=rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=colors.BACKGROUND),
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=(-rim_m, east_m + rim_m), y_range=(-north_m - rim_m, rim_m)
+        ),
+        overrides={
+            f"plan/path/{who}": [
+                VisibleTimeRanges([_WHOLE]),
+                rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(width)),
+            ]
+            for who, width in _PATH_WIDTHS.items()
+        },
+    )
 
 
 def _chase(city: MapRecord) -> rrb.Spatial3DView:
@@ -143,7 +157,6 @@ def _scene(
     frame: str | None = None,
     hidden: tuple[str, ...] = (),
 ) -> rrb.Spatial3DView:
-    whole = rrb.VisibleTimeRange("session", start=_ALWAYS.start, end=_ALWAYS.end)
     return rrb.Spatial3DView(
         origin="world",
         contents=["+ $origin/**", *(f"- /{path}" for path in hidden)],
@@ -154,10 +167,10 @@ def _scene(
         eye_controls=eye,
         overrides={
             f"world/path/{who}": [
-                VisibleTimeRanges([whole]),
+                VisibleTimeRanges([_WHOLE]),
                 rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(width)),
             ]
-            for who, width in (("vehicle", 2.5), ("target", 1.2))
+            for who, width in _PATH_WIDTHS.items()
         },
     )
 

@@ -19,6 +19,8 @@ IDLE: Color = (120, 124, 138)
 """Nobody flies, or somebody else."""
 EXTRA: Color = (190, 130, 250)
 """A further curve in the same plot."""
+BODY: Color = (235, 238, 244)
+"""The vehicle itself."""
 GROUND: Color = (46, 51, 63)
 GRID: Color = (60, 66, 80)
 BACKGROUND: Color = (17, 19, 25)

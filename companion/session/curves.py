@@ -95,7 +95,7 @@ DISTANCE = Curve(
 CLEARANCE = Curve(
     "plots/clearance",
     "Clearance [m]",
-    (Line("to nearest obstacle", colors.MEASURED), Line("margin", colors.DANGER, 1.0)),
+    (Line("to obstacle or ground", colors.MEASURED), Line("margin", colors.DANGER, 1.0)),
     lambda tick, start: _limit(tick.clearance_m, start.margin_m),
     lambda start: (0.0, max(5.5, 2.75 * start.margin_m)),
 )

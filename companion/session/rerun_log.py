@@ -6,6 +6,7 @@
     world/velocity/...  arrows: proposed, sent, measured
     world/path/...      where vehicle and target have been; the colour says who decided
     world/marks/...     places worth a label
+    plan/...            the same from above, flat
     plots/...           the curves of ``companion.session.curves``
     state/...           the bands of ``companion.session.bands``
     log/...             messages of the autopilot and of the companion
@@ -22,6 +23,7 @@ import rerun as rr
 from companion.session import scene
 from companion.session.bands import Bands
 from companion.session.moving import Moving
+from companion.session.plan import Plan
 from companion.session.plots import Plots
 from companion.session.records import Event, Mark, SessionStart, Tick
 from companion.session.report import markdown
@@ -55,7 +57,13 @@ class SessionLog:
             "vehicle", rr.AnyValues(autopilot=vehicle.autopilot, version=vehicle.version)
         )
         scene.draw_map(stream, start.map)
-        self._parts = (Moving(self._writer, start), Plots(self._writer, start), Bands(self._writer))
+        writer = self._writer
+        self._parts = (
+            Moving(writer, start),
+            Plan(writer, start),
+            Plots(writer, start),
+            Bands(writer),
+        )
         self._summarise(None)
 
     def send(self, ticks: Sequence[Tick], events: Sequence[Event]) -> None:

@@ -2,7 +2,6 @@
 
 import shlex
 import tempfile
-import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +13,12 @@ from companion.session.folder import CONFIG, RECORDING, SUMMARY, TLOG
 from companion.session.records import map_record
 from companion.session.report import facts
 from companion.session.summary import Summary
+from companion.table import row
 from companion.world.maps import Map
 
 MENDED = "session.mended.rrd"
 """A copy of a recording that was cut off, made by ``review``."""
 _FOOTER_MAGIC, _FOOTER_BYTES = b"RRF2FOOT", 16  # at the end of every Rerun file that was closed
-_WIDTH = 80
-_INDENT = 28
 _SHOWN = ("map", "actor", "target", "target_global", "target_sysid", "v_max", "margin", "rate_hz")
 
 
@@ -35,18 +33,18 @@ def review(session: Path) -> str:
     lines = [f"Session {session}"]
     summary = _read_summary(session)
     if summary is None:
-        lines += _row("Result", f"unknown: there is no {SUMMARY}, so the run was cut off")
+        lines += row("Result", f"unknown: there is no {SUMMARY}, so the run was cut off")
     else:
         outcome = summary.outcome.replace("_", " ")
-        lines += _row("Result", f"{outcome} (exit code {summary.exit_code}): {summary.reason}")
-        lines += [line for name, value in facts(summary) for line in _row(name, value)]
+        lines += row("Result", f"{outcome} (exit code {summary.exit_code}): {summary.reason}")
+        lines += [line for name, value in facts(summary) for line in row(name, value)]
     for name, value in _read_config(session).items():
         if name in _SHOWN and value is not None:
-            lines += _row(name, str(value))
+            lines += row(name, str(value))
     for name, what in ((RECORDING, "open it with `companion review`"), (TLOG, "raw MAVLink")):
         path = session / name
         size = f"{path.stat().st_size / 1e6:.1f} MB, {what}" if path.exists() else "missing"
-        lines += _row(name, size)
+        lines += row(name, size)
     return "\n".join(lines)
 
 
@@ -156,13 +154,3 @@ def _read_config(session: Path) -> dict[str, Any]:
         return {}
     except (OSError, msgspec.DecodeError) as error:
         raise CompanionError(f"cannot read {path}: {error}") from error
-
-
-def _row(name: str, value: str) -> list[str]:
-    """Return name and value, the value folded under itself."""
-    return textwrap.wrap(
-        value,
-        _WIDTH,
-        initial_indent=f"  {name:<{_INDENT - 2}}",
-        subsequent_indent=" " * _INDENT,
-    )

@@ -56,7 +56,7 @@ def draw_map(stream: rr.RecordingStream, record: MapRecord) -> None:
 
 def vehicle_shapes(edge_m: float) -> dict[str, rr.AsComponents]:
     """Return the vehicle on a map of ``edge_m``: its body, and a dot that is seen from afar."""
-    return {"body": _quadrotor(VEHICLE_SIZE * edge_m), "dot": _dot(colors.MEASURED)}
+    return {"body": _quadrotor(VEHICLE_SIZE * edge_m), "dot": _dot(colors.BODY)}
 
 
 def target_shapes(arrival_radius_m: float) -> dict[str, rr.AsComponents]:
@@ -102,7 +102,7 @@ def _quadrotor(arm_m: float) -> rr.LineStrips3D:
     strips = [np.array([rotors_m[0], rotors_m[3]]), np.array([rotors_m[1], rotors_m[2]])]
     strips += [rotor_m + _circle(0.55 * arm_m) for rotor_m in rotors_m]
     strips.append(np.array([[0.0, 0.0, 0.0], [1.3 * arm_m, 0.0, 0.0]]))
-    white, front, rear = (235, 238, 244), colors.SENT, colors.MEASURED
+    white, front, rear = colors.BODY, colors.SENT, colors.MEASURED
     return rr.LineStrips3D(
         strips,
         colors=[white, white, front, front, rear, rear, white],
