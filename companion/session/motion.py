@@ -110,8 +110,8 @@ def path_color(tick: Tick, margin_m: float) -> Color:
         return colors.DANGER
     if tick.intervened:
         return colors.SHIELDED
-    flown_by_policy = tick.action is not None and tick.safe_enu_mps is not None
-    return colors.MEASURED if flown_by_policy else colors.IDLE
+    # zero is what is streamed while the autopilot takes off or holds
+    return colors.MEASURED if tick.safe_enu_mps and any(tick.safe_enu_mps) else colors.IDLE
 
 
 def vectors(rows: Sequence[list[float] | None]) -> FloatArray:

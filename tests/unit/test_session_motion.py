@@ -87,16 +87,12 @@ def test_a_vehicle_that_hovers_draws_nothing():
     [
         (Tick(time_s=0.0), colors.IDLE),
         (Tick(time_s=0.0, safe_enu_mps=[0.0, 0.0, 0.0]), colors.IDLE),
-        (Tick(time_s=0.0, action=[0.0] * 3), colors.IDLE),
-        (Tick(time_s=0.0, action=[0.0] * 3, safe_enu_mps=[0.0] * 3), colors.MEASURED),
-        (
-            Tick(time_s=0.0, action=[0.0] * 3, safe_enu_mps=[0.0] * 3, clearance_m=2.0),
-            colors.MEASURED,
-        ),
+        (Tick(time_s=0.0, safe_enu_mps=[0.0, 0.0, 1.0]), colors.MEASURED),
+        (Tick(time_s=0.0, safe_enu_mps=[0.0, 0.0, 1.0], clearance_m=2.0), colors.MEASURED),
         (Tick(time_s=0.0, safe_enu_mps=[0.0, 0.0, 1.0], intervened=True), colors.SHIELDED),
         (Tick(time_s=0.0, intervened=True, clearance_m=1.9), colors.DANGER),
     ],
-    ids=["nothing sent", "hold", "shadow", "policy", "on the margin", "shield", "inside"],
+    ids=["nothing sent", "zero", "policy", "on the margin", "shield", "inside"],
 )
 def test_the_colour_of_the_path_says_who_decided(tick, color):
     assert path_color(tick, margin_m=2.0) == color
