@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import msgspec
 import tyro
 
-from companion.config import RunConfig, load_run_config
+from companion.config import PreflightConfig, RunConfig, load_run_config
 from companion.errors import CompanionError, UsageError
 from companion.guidance.situation import EXIT_CODES, Outcome
 from companion.session.summary import Summary
@@ -20,6 +20,7 @@ _USAGE = """\
 usage: companion COMMAND [OPTIONS]      (companion COMMAND --help says more)
 
   run       fly a policy on a vehicle
+  preflight look at a vehicle before a flight: GO or NO-GO
   mock      start the built-in mock vehicle
   review    print and open what a run has left behind
   maps      check or show a map file
@@ -72,6 +73,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 def _main(argv: list[str]) -> int:
     commands: dict[str, Callable[[list[str]], int]] = {
         "run": _run,
+        "preflight": _preflight,
         "mock": _mock,
         "review": _review,
         "maps": _maps,
@@ -130,6 +132,24 @@ def _parse_run(argv: list[str]) -> RunConfig:
         return config
     from_file = replace(load_run_config(config.config), config=config.config)
     return tyro.cli(RunConfig, args=argv, prog="companion run", default=from_file)
+
+
+def _preflight(argv: list[str]) -> int:
+    args = tyro.cli(PreflightConfig, args=argv, prog="companion preflight")
+    from companion.inspection import Inspection, inspect
+    from companion.inspection_table import table
+
+    try:
+        seen = inspect(args)
+    except CompanionError as error:
+        if args.json:
+            _print_json(Inspection(go=False, reasons=[str(error)], exit_code=error.exit_code))
+        raise
+    if args.json:
+        _print_json(seen)
+    else:
+        print(table(seen))
+    return seen.exit_code
 
 
 def _mock(argv: list[str]) -> int:
@@ -195,8 +215,8 @@ def _failed(error: BaseException) -> Summary:
     return Summary(outcome=outcome, reason=str(error) or "interrupted", exit_code=code)
 
 
-def _print_json(summary: Summary) -> None:
-    print(msgspec.json.encode(summary).decode(), flush=True)
+def _print_json(result: msgspec.Struct) -> None:
+    print(msgspec.json.encode(result).decode(), flush=True)
 
 
 def _complain(text: str) -> None:

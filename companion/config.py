@@ -1,4 +1,4 @@
-"""What ``companion run`` can be told. The dataclass is the command line and the YAML file.
+"""What ``companion run`` and ``preflight`` can be told: dataclass, command line and YAML file.
 
 The command line wins over the file given by ``--config``, which wins over the defaults here.
 """
@@ -15,27 +15,22 @@ import yaml
 
 from companion.arrays import FloatArray
 from companion.errors import UsageError
+from companion.mock_process import MOCK_PREFIX
 from companion.world.frames import GeoPoint
 
 DEFAULT_ACTOR = "paper-free"
-MOCK_PREFIX = "mock:"
 V_MAX_LOW_MPS = 0.1
 
 
 @dataclass(frozen=True)
-class RunConfig:
-    """Fly a policy on one vehicle.
-
-    By default nothing moves until the pilot arms, takes off and selects OFFBOARD or GUIDED.
-    """
+class SiteConfig:
+    """Where the vehicle is, on which map, and where it shall go: what preflight can look at."""
 
     connect: str = ""
     """Where the vehicle is: udp:HOST:PORT (listen), udpout:HOST:PORT, tcp:HOST:PORT,
     serial:DEVICE:BAUD, or mock:px4 to start the built-in mock vehicle."""
     map: str = "free"
     """Map file, or the name of a bundled map."""
-    actor: str = DEFAULT_ACTOR
-    """Actor file (.onnx), or the name of a bundled actor."""
     vehicle_sysid: int | None = None
     """System id of the vehicle; needed where more than one autopilot is heard."""
     target: str | None = None
@@ -46,30 +41,10 @@ class RunConfig:
     """Pursue this system: its GLOBAL_POSITION_INT or FOLLOW_TARGET."""
     v_max: float = 5.0
     """Speed cap (m/s)."""
-    rate_hz: float = 20.0
-    """Control rate (Hz)."""
     margin: float = 2.0
     """Clearance that the shield keeps from obstacles and from the edges of the map (m)."""
-    engage: bool = False
-    """Ask for OFFBOARD / GUIDED instead of waiting for the pilot to select it."""
-    arm: bool = False
-    """Arm the vehicle; needs --takeoff."""
     takeoff: float | None = None
     """Take off to this height above the ground (m)."""
-    on_exit: Literal["hold", "land", "rtl", "none"] = "hold"
-    """What to ask of the vehicle at the end; none just stops the stream."""
-    cap_by_failsafe: bool = False
-    """Lower --v-max until the vehicle, should this program die, stops within --margin. The
-    vehicle's own failsafe parameters say how far it flies blind; they are read, never written."""
-    shadow: bool = False
-    """Decide and record, send no setpoint and no command."""
-    record: Path = Path("sessions")
-    """Folder in which the session's own folder is made."""
-    rerun: Literal["off", "serve", "spawn"] = "off"
-    """Live view: serve it on loopback, or also open a viewer."""
-    config: Path | None = None
-    """YAML file with these same options."""
-    json: Annotated[bool, tyro.conf.arg(help="One summary object on stdout.")] = False
 
     def check(self) -> None:
         """Refuse values that make no sense.
@@ -82,14 +57,9 @@ class RunConfig:
         if self.connect.startswith(MOCK_PREFIX) and self.connect != "mock:px4":
             raise UsageError(f"--connect {self.connect}: the built-in mock vehicle is mock:px4")
         _check_range("--v-max", self.v_max, V_MAX_LOW_MPS, 20.0, "m/s")
-        _check_range("--rate-hz", self.rate_hz, 5.0, 100.0, "Hz")
         _check_range("--margin", self.margin, 0.5, 20.0, "m")
         if self.takeoff is not None:
             _check_range("--takeoff", self.takeoff, 2.0, 500.0, "m")
-        if self.arm and self.takeoff is None:
-            raise UsageError("--arm needs --takeoff ALT, or the vehicle stays on the ground")
-        if self.shadow and (self.arm or self.engage or self.takeoff is not None):
-            raise UsageError("--shadow sends nothing: leave out --arm, --takeoff and --engage")
         given = [
             name
             for name in ("target", "target_global", "target_sysid")
@@ -123,6 +93,64 @@ class RunConfig:
         if not (-90 <= latitude <= 90 and -180 <= longitude <= 180):
             raise UsageError(f"--target-global {self.target_global}: no such latitude or longitude")
         return GeoPoint(latitude, longitude, altitude_m)
+
+
+@dataclass(frozen=True)
+class PreflightConfig(SiteConfig):
+    """Look at a vehicle before a flight and say GO or NO-GO, with the reasons.
+
+    Listens for a few seconds and reads parameters. Sends nothing but heartbeats, answers to the
+    autopilot's TIMESYNC, and requests for data (messages, their rates, parameters): nothing that
+    moves or changes the vehicle, and no parameter is written. Exit code 0 is GO, 5 is NO-GO.
+    """
+
+    takeoff: float | None = None
+    """Check a take-off to this height above the ground, too (m)."""
+    json: Annotated[bool, tyro.conf.arg(help="One object on stdout instead of the table.")] = False
+
+
+@dataclass(frozen=True)
+class RunConfig(SiteConfig):
+    """Fly a policy on one vehicle.
+
+    By default nothing moves until the pilot arms, takes off and selects OFFBOARD or GUIDED.
+    """
+
+    actor: str = DEFAULT_ACTOR
+    """Actor file (.onnx), or the name of a bundled actor."""
+    rate_hz: float = 20.0
+    """Control rate (Hz)."""
+    engage: bool = False
+    """Ask for OFFBOARD / GUIDED instead of waiting for the pilot to select it."""
+    arm: bool = False
+    """Arm the vehicle; needs --takeoff."""
+    on_exit: Literal["hold", "land", "rtl", "none"] = "hold"
+    """What to ask of the vehicle at the end; none just stops the stream."""
+    cap_by_failsafe: bool = False
+    """Lower --v-max until the vehicle, should this program die, stops within --margin. The
+    vehicle's own failsafe parameters say how far it flies blind; they are read, never written."""
+    shadow: bool = False
+    """Decide and record, send no setpoint and no command."""
+    record: Path = Path("sessions")
+    """Folder in which the session's own folder is made."""
+    rerun: Literal["off", "serve", "spawn"] = "off"
+    """Live view: serve it on loopback, or also open a viewer."""
+    config: Path | None = None
+    """YAML file with these same options."""
+    json: Annotated[bool, tyro.conf.arg(help="One summary object on stdout.")] = False
+
+    def check(self) -> None:
+        """Refuse values that make no sense.
+
+        Raises:
+            UsageError: Names the option, what was found and what is allowed.
+        """
+        super().check()
+        _check_range("--rate-hz", self.rate_hz, 5.0, 100.0, "Hz")
+        if self.arm and self.takeoff is None:
+            raise UsageError("--arm needs --takeoff ALT, or the vehicle stays on the ground")
+        if self.shadow and (self.arm or self.engage or self.takeoff is not None):
+            raise UsageError("--shadow sends nothing: leave out --arm, --takeoff and --engage")
 
     def as_dict(self) -> dict[str, Any]:
         """Return the effective configuration as plain data, for the session folder."""

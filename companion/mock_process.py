@@ -4,6 +4,7 @@ The mock is another program that happens to be installed with us: it is started 
 to over loopback UDP, and knows nothing of our codec.
 """
 
+import logging
 import socket
 import subprocess
 import sys
@@ -12,7 +13,25 @@ from contextlib import contextmanager
 
 from companion.errors import LinkOpenError
 
+MOCK_PREFIX = "mock:"
 _STOP_S = 3.0
+_LOG = logging.getLogger("companion")
+
+
+@contextmanager
+def link_url(connect: str, map_path: str, target_sysid: int | None) -> Iterator[str]:
+    """Yield the URL to connect to; ``mock:px4`` starts a vehicle for it that ends with us.
+
+    Raises:
+        LinkOpenError: If the mock vehicle cannot be started.
+    """
+    if not connect.startswith(MOCK_PREFIX):
+        yield connect
+        return
+    autopilot = connect.removeprefix(MOCK_PREFIX)
+    with mock_vehicle(autopilot, map_path, target_sysid) as url:
+        _LOG.info("started the mock vehicle (%s)", autopilot)
+        yield url
 
 
 @contextmanager

@@ -3,12 +3,16 @@
 import numpy as np
 
 from companion.arrays import FloatArray
+from companion.guidance.supervisor import BATTERY_ENGAGE, POSITION_STALE_SOFT_S
 from companion.guidance.target import TargetEstimate
 from companion.positions import Pose, TargetSource
-from companion.vehicle import VehicleState
+from companion.vehicle import SystemStatus, VehicleState
 from companion.world.geometry import Obstacles
 from companion.world.maps import Map
 
+POSITION_MIN_HZ = 10.0
+"""Two positions may be lost before ``POSITION_STALE_SOFT_S`` is over."""
+TIE_RESIDUAL_M = 1.0
 _ON_GROUND_M = 0.5
 """A vehicle on the ground reads a little above or below it."""
 
@@ -73,6 +77,37 @@ def target_problem(city: Map, position_enu_m: FloatArray) -> str:
     if not city.is_free(position_enu_m):
         where = _obstacle_at(city, position_enu_m)
         return f"target {words(position_enu_m)} is inside {where} of map {city.name}"
+    return ""
+
+
+def unhealthy(state: VehicleState) -> list[str]:
+    """Return what of the vehicle's own health stands against a flight."""
+    reasons: list[str] = []
+    if state.system_status >= SystemStatus.CRITICAL:
+        reasons.append(f"the autopilot is in a failsafe ({state.system_status.name})")
+    elif not state.armed and not state.ready_to_arm:
+        reasons.append("the autopilot's own pre-arm checks do not pass")
+    if state.battery_fraction is not None and state.battery_fraction < BATTERY_ENGAGE:
+        reasons.append(f"battery at {100 * state.battery_fraction:.0f} %")
+    return reasons
+
+
+def untimely(rate_hz: float, oldest_s: float) -> str:
+    """Return why the position comes too seldom or too late to fly by."""
+    if rate_hz < POSITION_MIN_HZ:
+        return f"the position comes {rate_hz:.1f} times a second; {POSITION_MIN_HZ:g} are needed"
+    if oldest_s > POSITION_STALE_SOFT_S:
+        return f"the position was {oldest_s:.2f} s old; the loop holds from {POSITION_STALE_SOFT_S}"
+    return ""
+
+
+def loose_tie(residual_m: float | None) -> str:
+    """Return why local and global position cannot both be right."""
+    if residual_m is not None and residual_m > TIE_RESIDUAL_M:
+        return (
+            f"LOCAL_POSITION_NED and GLOBAL_POSITION_INT are {residual_m:.1f} m apart: "
+            "the local origin is not where it is said to be"
+        )
     return ""
 
 

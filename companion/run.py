@@ -12,14 +12,14 @@ from typing import Any
 import msgspec
 
 from companion import clock
-from companion.config import MOCK_PREFIX, V_MAX_LOW_MPS, RunConfig
+from companion.config import V_MAX_LOW_MPS, RunConfig
 from companion.control import ARRIVAL_RADIUS_M, Flight, Mission
 from companion.errors import LinkLostError, RefusedError
 from companion.guidance.failsafe import SpeedCap, failsafe_of, parameters_wanted
 from companion.guidance.shield import Shield, ShieldLimits
 from companion.guidance.situation import Outcome, Plan
 from companion.link.vehicle import MavlinkVehicle, connect
-from companion.mock_process import mock_vehicle
+from companion.mock_process import link_url
 from companion.policy.actor import Actor
 from companion.positions import TargetSource
 from companion.preflight import target_problem
@@ -80,7 +80,7 @@ def run(config: RunConfig) -> Summary:
         else:
             early.append(record)
 
-    with _link_url(config) as url:
+    with link_url(config.connect, config.map, config.target_sysid) as url:
         vehicle = connect(
             url,
             vehicle_sysid=config.vehicle_sysid,
@@ -196,17 +196,6 @@ def _fly(
             _LOG.exception("internal error in the control loop; asking the vehicle to hold")
             flight.abandon()
             return flight.finish(Outcome.FAILED, "internal error in the control loop")
-
-
-@contextlib.contextmanager
-def _link_url(config: RunConfig) -> Iterator[str]:
-    if not config.connect.startswith(MOCK_PREFIX):
-        yield config.connect
-        return
-    autopilot = config.connect.removeprefix(MOCK_PREFIX)
-    with mock_vehicle(autopilot, config.map, config.target_sysid) as url:
-        _LOG.info("started the mock vehicle (%s)", autopilot)
-        yield url
 
 
 @contextlib.contextmanager
