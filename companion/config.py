@@ -45,6 +45,9 @@ class SiteConfig:
     """Clearance that the shield keeps from obstacles and from the edges of the map (m)."""
     takeoff: float | None = None
     """Take off to this height above the ground (m)."""
+    signing_key: Path | None = None
+    """File of a MAVLink 2 signing key: 32 raw bytes, 64 hexadecimal digits, or a passphrase.
+    What is not signed with it is ignored, targets and ground stations included."""
 
     def check(self) -> None:
         """Refuse values that make no sense.
@@ -56,6 +59,8 @@ class SiteConfig:
             raise UsageError("--connect is missing, for example --connect udp:0.0.0.0:14540")
         if self.connect.startswith(MOCK_PREFIX) and self.connect != "mock:px4":
             raise UsageError(f"--connect {self.connect}: the built-in mock vehicle is mock:px4")
+        if self.connect.startswith(MOCK_PREFIX) and self.signing_key is not None:
+            raise UsageError("--signing-key: the built-in mock vehicle does not sign")
         _check_range("--v-max", self.v_max, V_MAX_LOW_MPS, 20.0, "m/s")
         _check_range("--margin", self.margin, 0.5, 20.0, "m")
         if self.takeoff is not None:

@@ -16,7 +16,8 @@ from companion.config import PreflightConfig
 from companion.errors import RefusedError
 from companion.guidance.failsafe import failsafe_of, parameters_wanted
 from companion.guidance.target import TargetEstimate
-from companion.link.vehicle import MavlinkVehicle, connect
+from companion.link.opening import connect
+from companion.link.vehicle import MavlinkVehicle
 from companion.mock_process import link_url
 from companion.positions import Pose, Positions, TargetSource
 from companion.preflight import loose_tie, refusal, target_problem, unhealthy, untimely, waiting_for
@@ -93,6 +94,7 @@ def inspect(config: PreflightConfig) -> Inspection:
             vehicle_sysid=config.vehicle_sysid,
             target_sysids=[] if config.target_sysid is None else [config.target_sysid],
             timeout_s=CONNECT_TIMEOUT_S,
+            signing_key=config.signing_key,
         )
         with contextlib.closing(vehicle):
             parameters = vehicle.read_params(

@@ -18,7 +18,8 @@ from companion.errors import LinkLostError, RefusedError
 from companion.guidance.failsafe import SpeedCap, failsafe_of, parameters_wanted
 from companion.guidance.shield import Shield, ShieldLimits
 from companion.guidance.situation import Outcome, Plan
-from companion.link.vehicle import MavlinkVehicle, connect
+from companion.link.opening import connect
+from companion.link.vehicle import MavlinkVehicle
 from companion.mock_process import link_url
 from companion.policy.actor import Actor
 from companion.positions import TargetSource
@@ -86,6 +87,7 @@ def run(config: RunConfig) -> Summary:
             vehicle_sysid=config.vehicle_sysid,
             target_sysids=[] if config.target_sysid is None else [config.target_sysid],
             timeout_s=CONNECT_TIMEOUT_S,
+            signing_key=config.signing_key,
             tap=tap,
         )
         with contextlib.closing(vehicle):

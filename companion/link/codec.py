@@ -218,3 +218,6 @@ class Codec:
         frame: bytes = message.pack(self._mavlink)
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
         return frame
+
+    def close(self) -> None:
+        """Release what the codec holds: nothing, in this one."""

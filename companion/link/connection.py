@@ -118,8 +118,9 @@ class Connection:
         return frame
 
     def close(self) -> None:
-        """Release the transport; sends nothing."""
+        """Release the transport and the codec; sends nothing."""
         self._transport.close()
+        self.codec.close()
 
     def _parser(self, peer: Peer) -> Parser:
         parser = self._parsers.get(peer)

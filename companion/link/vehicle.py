@@ -11,22 +11,19 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from companion import clock
 from companion.arrays import FloatArray
 from companion.link import messages
-from companion.link.address import parse_url
-from companion.link.codec import Codec, Received
-from companion.link.connection import Connection, Tap
-from companion.link.discovery import Found, discover
+from companion.link.codec import Received
+from companion.link.connection import Connection
+from companion.link.discovery import Found
 from companion.link.housekeeping import Housekeeping
 from companion.link.inbox import Inbox
 from companion.link.parameters import ParameterReader
 from companion.link.requests import Requests
-from companion.link.signing import Signing, SigningKey, stamp_at
 from companion.link.statustext import encode_text
 from companion.link.targets import Targets
 from companion.link.telemetry import Telemetry
-from companion.link.transport import Peer, Transport, open_transport
+from companion.link.transport import Peer
 from companion.vehicle import (
     EventKind,
     LinkStats,
@@ -44,85 +41,11 @@ COMPONENT_ID = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 """191, as the companion names itself beside the vehicle's own system id."""
 
 _AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
-_PROVISIONAL_SYSTEM_ID = 1
 _SILENT_S = 2.0
 """A vehicle silent for this long at one address may be heard at another."""
 _TELL_AGAIN_S = 1.0
-_VERSION_WAIT_S = 1.0
 _MAX_EVENTS = 1000
 _PARAM_RETRY_S = 0.7
-
-
-def connect(
-    url: str,
-    *,
-    vehicle_sysid: int | None = None,
-    target_sysids: Sequence[int] = (),
-    timeout_s: float = 30.0,
-    tap: Tap | None = None,
-    signing_key: SigningKey | None = None,
-) -> "MavlinkVehicle":
-    """Open a link and find the vehicle on it.
-
-    Args:
-        url: See ``companion.link.address.parse_url``.
-        vehicle_sysid: Which vehicle; ``None`` if there is but one.
-        target_sysids: Systems whose positions are reported by ``targets``.
-        timeout_s: How long to wait for the vehicle.
-        tap: Called with ``(sent, time_s, frame)`` for every frame both ways.
-        signing_key: What everybody on the link must sign with; ``None`` leaves it open.
-
-    Raises:
-        UsageError: If the URL or the system ids make no sense.
-        LinkOpenError: If the link cannot be opened.
-        LinkLostError: If the vehicle is not heard in time.
-        AmbiguousVehicleError: If there are several and none was named.
-        RefusedError: If the companion does not fly such a vehicle.
-    """
-    transport = open_transport(parse_url(url))
-    try:
-        return attach(
-            transport,
-            url=url,
-            vehicle_sysid=vehicle_sysid,
-            target_sysids=target_sysids,
-            timeout_s=timeout_s,
-            tap=tap,
-            signing_key=signing_key,
-        )
-    except BaseException:
-        transport.close()
-        raise
-
-
-def attach(
-    transport: Transport,
-    *,
-    url: str,
-    vehicle_sysid: int | None = None,
-    target_sysids: Sequence[int] = (),
-    timeout_s: float = 30.0,
-    tap: Tap | None = None,
-    signing_key: SigningKey | None = None,
-    now: Callable[[], float] = clock.now_s,
-) -> "MavlinkVehicle":
-    """Find the vehicle on an open transport; ``connect`` tells the rest."""
-    own_system_id = _PROVISIONAL_SYSTEM_ID if vehicle_sysid is None else vehicle_sysid
-    codec = Codec(own_system_id, COMPONENT_ID)
-    signing = None
-    if signing_key is not None:
-        signing = Signing(signing_key, stamp=stamp_at(clock.utc_now()), now_s=now())
-    connection = Connection(transport, codec, now, tap, signing)
-    found = discover(
-        connection,
-        url=url,
-        vehicle_sysid=vehicle_sysid,
-        target_sysids=target_sysids,
-        timeout_s=timeout_s,
-    )
-    vehicle = MavlinkVehicle(connection, found, target_sysids)
-    vehicle.wait_for_version(_VERSION_WAIT_S)
-    return vehicle
 
 
 class MavlinkVehicle:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from companion.link.codec import Codec, Parser
-from companion.link.vehicle import attach
+from companion.link.opening import attach
 from companion.vehicle import EventKind
 
 CLIENTS = {(1, 191), (255, 190)}

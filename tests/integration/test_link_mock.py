@@ -10,7 +10,7 @@ import pytest
 
 from companion import clock
 from companion.errors import AmbiguousVehicleError, LinkOpenError
-from companion.link.vehicle import connect
+from companion.link.opening import connect
 from companion.vehicle import EventKind, FlightMode, RequestKind, RequestState, SystemStatus
 
 SPEED = 4

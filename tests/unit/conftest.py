@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from companion.link.vehicle import attach
+from companion.link.opening import attach
 
 
 class Bench:

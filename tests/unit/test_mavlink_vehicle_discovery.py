@@ -2,7 +2,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.errors import AmbiguousVehicleError, LinkLostError, RefusedError, UsageError
-from companion.link.vehicle import attach
+from companion.link.opening import attach
 from companion.vehicle import EventKind
 
 

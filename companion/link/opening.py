@@ -1,0 +1,131 @@
+"""Open a link and find the vehicle on it."""
+
+import importlib.util
+import logging
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal
+
+from companion import clock
+from companion.errors import UsageError
+from companion.link.address import parse_url
+from companion.link.codec import Codec
+from companion.link.connection import Connection, Tap
+from companion.link.discovery import discover
+from companion.link.signing import Signing, SigningKey, load_key, stamp_at
+from companion.link.transport import Transport, open_transport
+from companion.link.vehicle import COMPONENT_ID, MavlinkVehicle
+
+Backend = Literal["pymavlink", "mavsdk"]
+"""The library that reads and writes the messages."""
+
+_PROVISIONAL_SYSTEM_ID = 1
+_VERSION_WAIT_S = 1.0
+_LOG = logging.getLogger("companion")
+
+
+def connect(
+    url: str,
+    *,
+    backend: Backend = "pymavlink",
+    vehicle_sysid: int | None = None,
+    target_sysids: Sequence[int] = (),
+    timeout_s: float = 30.0,
+    tap: Tap | None = None,
+    signing_key: Path | None = None,
+) -> MavlinkVehicle:
+    """Open a link and find the vehicle on it.
+
+    Args:
+        url: See ``companion.link.address.parse_url``.
+        backend: What reads and writes the messages.
+        vehicle_sysid: Which vehicle; ``None`` if there is but one.
+        target_sysids: Systems whose positions are reported by ``targets``.
+        timeout_s: How long to wait for the vehicle.
+        tap: Called with ``(sent, time_s, frame)`` for every frame both ways.
+        signing_key: File of the key that everybody on the link must sign with, see
+            ``companion.link.signing.load_key``; ``None`` leaves the link open to all.
+
+    Raises:
+        UsageError: If the URL or the system ids make no sense, the backend is not installed,
+            or the key file cannot be read.
+        LinkOpenError: If the link cannot be opened.
+        LinkLostError: If the vehicle is not heard in time.
+        AmbiguousVehicleError: If there are several and none was named.
+        RefusedError: If the companion does not fly such a vehicle, or others may read the key.
+    """
+    address = parse_url(url)
+    check_backend(backend)
+    key = None
+    if signing_key is not None:
+        key = load_key(signing_key)
+        _LOG.info("frames are signed; the key in %s is %s", signing_key, key.form)
+    return attach(
+        open_transport(address),
+        url=url,
+        backend=backend,
+        vehicle_sysid=vehicle_sysid,
+        target_sysids=target_sysids,
+        timeout_s=timeout_s,
+        tap=tap,
+        signing_key=key,
+    )
+
+
+def attach(
+    transport: Transport,
+    *,
+    url: str,
+    backend: Backend = "pymavlink",
+    vehicle_sysid: int | None = None,
+    target_sysids: Sequence[int] = (),
+    timeout_s: float = 30.0,
+    tap: Tap | None = None,
+    signing_key: SigningKey | None = None,
+    now: Callable[[], float] = clock.now_s,
+) -> MavlinkVehicle:
+    """Find the vehicle on an open transport, which is closed on failure; see ``connect``."""
+    own_system_id = _PROVISIONAL_SYSTEM_ID if vehicle_sysid is None else vehicle_sysid
+    signing = None
+    if signing_key is not None:
+        signing = Signing(signing_key, stamp=stamp_at(clock.utc_now()), now_s=now())
+    try:
+        connection = Connection(transport, _codec(backend, own_system_id), now, tap, signing)
+    except BaseException:
+        transport.close()
+        raise
+    try:
+        found = discover(
+            connection,
+            url=url,
+            vehicle_sysid=vehicle_sysid,
+            target_sysids=target_sysids,
+            timeout_s=timeout_s,
+        )
+        vehicle = MavlinkVehicle(connection, found, target_sysids)
+        vehicle.wait_for_version(_VERSION_WAIT_S)
+    except BaseException:
+        connection.close()
+        raise
+    return vehicle
+
+
+def check_backend(backend: Backend) -> None:
+    """Refuse a backend that is not installed.
+
+    Raises:
+        UsageError: Says how to install it.
+    """
+    if importlib.util.find_spec(backend) is None:
+        raise UsageError(
+            f"--backend {backend} needs a package that is not installed: "
+            f'pip install "mavsdk>=4.1,<5"'
+        )
+
+
+def _codec(backend: Backend, system_id: int) -> Codec:
+    if backend == "pymavlink":
+        return Codec(system_id, COMPONENT_ID)
+    from companion.link.mavsdk import MavsdkCodec  # only here: it loads 20 MB and starts threads
+
+    return MavsdkCodec(system_id, COMPONENT_ID)
