@@ -23,7 +23,7 @@ usage: companion COMMAND [OPTIONS]      (companion COMMAND --help says more)
   preflight look at a vehicle before a flight: GO or NO-GO
   mock      start the built-in mock vehicle
   review    print and open what a run has left behind
-  maps      check or show a map file
+  maps      check or show a map file, or import one from building footprints
   actors    show an actor file and its contract
 """
 
@@ -44,7 +44,7 @@ class ReviewArgs:
 
 @dataclass(frozen=True)
 class MapsArgs:
-    """Check a map file, or draw it."""
+    """Check a map file, or draw it. `companion maps import --help`: make one of footprints."""
 
     action: tyro.conf.Positional[Literal["check", "show"]]
     map: tyro.conf.Positional[str]
@@ -174,6 +174,10 @@ def _review(argv: list[str]) -> int:
 
 
 def _maps(argv: list[str]) -> int:
+    if argv[:1] == ["import"]:
+        from companion.maps_import import import_command
+
+        return import_command(argv[1:])
     args = tyro.cli(MapsArgs, args=argv, prog="companion maps")
     from companion.world.maps import describe_map, load_map
 

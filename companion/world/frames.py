@@ -54,6 +54,27 @@ def geodetic_to_enu(origin: GeoPoint, point: GeoPoint) -> FloatArray:
     )
 
 
+def ground_to_enu(
+    origin: GeoPoint, latitude_deg: FloatArray, longitude_deg: FloatArray
+) -> FloatArray:
+    """Return places at the height of ``origin`` in its tangent plane: east, north, ``(N, 2)``.
+
+    Args:
+        origin: Where the plane touches.
+        latitude_deg: Shape ``(N,)``.
+        longitude_deg: Shape ``(N,)``.
+    """
+    east_m, north_m, _ = pymap3d.geodetic2enu(
+        latitude_deg,
+        longitude_deg,
+        np.full_like(latitude_deg, origin.altitude_m),
+        origin.latitude_deg,
+        origin.longitude_deg,
+        origin.altitude_m,
+    )
+    return np.stack((east_m, north_m), axis=-1)
+
+
 def enu_to_geodetic(origin: GeoPoint, position_enu_m: FloatArray) -> GeoPoint:
     """Return a point, shape ``(3,)``, of the tangent plane at ``origin`` on earth."""
     east_m, north_m, up_m = (float(value) for value in position_enu_m)
