@@ -238,7 +238,7 @@ def _test_places(trainer: Trainer) -> list[Place]:
     """Return where to prove an actor: on its own map, or on cities and maps it has never seen."""
     if trainer.place.cities is None:
         return [trainer.place]
-    return [Place(cities=TEST_CITIES), Place(map="env1"), Place(map="env2")]
+    return [Place(cities=TEST_CITIES), *(Place(map=name) for name in ("env1", "env2", "free"))]
 
 
 def _test(
