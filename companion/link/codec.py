@@ -192,14 +192,14 @@ class Codec:
         """The sender of what is encoded."""
         return int(self._mavlink.srcSystem)
 
-    @system_id.setter
-    def system_id(self, system_id: int) -> None:
-        self._mavlink.srcSystem = system_id
-
     @property
     def component_id(self) -> int:
         """The sender of what is encoded."""
         return int(self._mavlink.srcComponent)
+
+    def become(self, system_id: int) -> None:
+        """Speak as ``system_id`` from now on."""
+        self._mavlink.srcSystem = system_id
 
     def decode(self, received: Received) -> Any | None:
         """Return pymavlink's message object, or ``None`` where the payload does not fit it.

@@ -16,6 +16,8 @@ What differs from the pymavlink backend:
 - MAVSDK's own messages are told from ours by their content, so a message leaves only if MAVSDK
   and pymavlink make the same payload of it. Header and checksum are the loop's: MAVSDK's sequence
   numbers count what is dropped.
+- MAVSDK does not show what is addressed to other systems, which is nothing to us, and sends only
+  to systems that it has heard, which are all that we address.
 - Every message costs two changes of threads, some 0.1 ms on an idle machine.
 - An infinite number in a message reads as NaN: MAVSDK hands fields over as JSON, which has neither.
 """
@@ -59,21 +61,19 @@ class MavsdkCodec(Codec):
             LinkOpenError: If it does not start.
         """
         super().__init__(system_id, component_id)
-        log_subscribe(_log)
         self._heard: SimpleQueue[MavlinkMessage] = SimpleQueue()
         self._made: SimpleQueue[None] = SimpleQueue()
         self._awaited = b""
         self._marks = 0
-        self._marker = dialect.MAVLink(None, system_id, component_id)
-        self._mavsdk = Mavsdk(Configuration.create_manual(system_id, component_id, False))
-        result = self._mavsdk.add_any_connection("raw://")
-        component = self._mavsdk.server_component_by_id(component_id)
-        if result != ConnectionResult.SUCCESS or component is None:
-            self._mavsdk.destroy()
-            raise LinkOpenError(f"MAVSDK does not start: {result.name}")
-        self._mavsdk.subscribe_raw_bytes_to_be_sent(self._take_bytes)
-        self._server = MavlinkDirectServer(component)
-        self._server.subscribe_message("", self._take_message)
+        log_subscribe(_log)
+        self._start()
+
+    def become(self, system_id: int) -> None:
+        """Speak as ``system_id`` from now on; MAVSDK keeps what is for others to itself."""
+        if system_id != self.system_id:
+            super().become(system_id)
+            self.close()
+            self._start()
 
     def decode(self, received: Received) -> Any | None:
         """Return the message as MAVSDK reads it, with the attributes of pymavlink's.
@@ -123,6 +123,19 @@ class MavsdkCodec(Codec):
             raise LinkLostError(f"MAVSDK refuses to send {name}: {error.result.name}") from error
         _answer(self._made)
         return frame
+
+    def _start(self) -> None:
+        self._marker = dialect.MAVLink(None, self.system_id, self.component_id)
+        me = Configuration.create_manual(self.system_id, self.component_id, False)
+        self._mavsdk = Mavsdk(me)
+        result = self._mavsdk.add_any_connection("raw://")
+        component = self._mavsdk.server_component_by_id(self.component_id)
+        if result != ConnectionResult.SUCCESS or component is None:
+            self._mavsdk.destroy()
+            raise LinkOpenError(f"MAVSDK does not start: {result.name}")
+        self._mavsdk.subscribe_raw_bytes_to_be_sent(self._take_bytes)
+        self._server = MavlinkDirectServer(component)
+        self._server.subscribe_message("", self._take_message)
 
     def close(self) -> None:
         """Stop MAVSDK and its threads."""

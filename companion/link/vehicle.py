@@ -55,7 +55,7 @@ class MavlinkVehicle:
         self._connection = connection
         self._system_id = found.system_id
         self._autopilot = found.autopilot
-        connection.codec.system_id = found.system_id
+        connection.codec.become(found.system_id)
         connection.reply_to(found.peer)
         self._peer = found.peer
         self._peer_heard_s = -math.inf

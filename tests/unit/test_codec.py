@@ -151,7 +151,7 @@ def test_encode_counts_its_own_sequence():
     assert [frame[4] for frame in frames] == [*range(256), 0]
     assert frames[0][0] == 0xFD
     assert frames[0][5:7] == bytes((7, 191))
-    codec.system_id = 42
+    codec.become(42)
     assert codec.encode(message)[5] == 42
 
 
