@@ -86,7 +86,10 @@ class Bench:
             ground_links=ground_links,
             rng=rng,
             targets=others,
-            faults=[parse_fault(text, links=links, targets=sysids) for text in faults],
+            faults=[
+                parse_fault(text, links=links, targets=sysids, personality=settings.personality)
+                for text in faults
+            ],
         )
         self.received: list[Received] = []
         self.identity = identity

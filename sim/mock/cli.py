@@ -4,6 +4,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -11,11 +12,12 @@ import numpy as np
 
 from companion.errors import CompanionError, UsageError
 from companion.world.frames import GeoPoint
-from sim.mock.dynamics import Response
 from sim.mock.fault_kinds import KINDS
 from sim.mock.faults import parse_fault
-from sim.mock.placement import PX4_SITL_HOME, Place, place_vehicle
+from sim.mock.personality import Personality
+from sim.mock.placement import Place, place_vehicle
 from sim.mock.process import StopSignal, run
+from sim.mock.px4.personality import PX4
 from sim.mock.sockets import Address, Link, open_link, parse_url
 from sim.mock.targets import parse_target
 from sim.mock.vehicle import MockVehicle, Settings
@@ -70,6 +72,7 @@ exit codes
 """
 
 
+PERSONALITIES = {personality.name: personality for personality in (PX4,)}
 _RANGES = {
     "speed": (0.01, 100.0),
     "boot_s": (0.1, 600.0),
@@ -97,19 +100,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _fly(options: argparse.Namespace) -> int:
-    if options.autopilot != "px4":
-        raise UsageError(f"--autopilot {options.autopilot}: not built; there is px4")
+    personality = PERSONALITIES.get(options.autopilot)
+    if personality is None:
+        known = ", ".join(PERSONALITIES)
+        raise UsageError(f"--autopilot {options.autopilot}: not built; there is {known}")
     if options.report is not None:
         _write(options.report, "")  # a report that cannot be written is found out now
     stop = StopSignal(with_parent=options.exit_with_parent)
     addresses = [parse_url(url) for url in options.connect]
-    vehicle = _build(options, addresses)
+    vehicle = _build(options, personality, addresses)
     links: list[Link] = []
     try:
         for address, url in zip(addresses, options.connect, strict=True):
             links.append(open_link(address))
             rates = "ground-station" if address.ground else "onboard"
-            print(f"mock: px4, system 1, on {url} ({rates} rates)", flush=True)
+            print(f"mock: {personality.name}, system 1, on {url} ({rates} rates)", flush=True)
         run(vehicle, links, speed=options.speed, stop=stop)
     finally:
         for link in links:
@@ -120,10 +125,12 @@ def _fly(options: argparse.Namespace) -> int:
     return 0
 
 
-def _build(options: argparse.Namespace, addresses: Sequence[Address]) -> MockVehicle:
+def _build(
+    options: argparse.Namespace, personality: Personality, addresses: Sequence[Address]
+) -> MockVehicle:
     _check_ranges(options)
     seeds = np.random.SeedSequence(options.seed).spawn(1 + len(options.target))
-    place = _place(options)
+    place = _place(options, personality)
     vehicle_rng, *target_rngs = (np.random.default_rng(seed) for seed in seeds)
     north, east = _numbers("--wind", options.wind, 2)
     targets = [
@@ -138,7 +145,8 @@ def _build(options: argparse.Namespace, addresses: Sequence[Address]) -> MockVeh
             place=place,
             boot_s=options.boot_s,
             radio=options.radio,
-            response=Response(shortfall=options.shortfall),
+            personality=personality,
+            response=replace(personality.response, shortfall=options.shortfall),
             wind_ned_mps=(north, east, 0.0),
             gust_mps=options.gusts,
             noise_m=options.noise,
@@ -146,7 +154,10 @@ def _build(options: argparse.Namespace, addresses: Sequence[Address]) -> MockVeh
         ground_links=[address.ground for address in addresses],
         rng=vehicle_rng,
         targets=targets,
-        faults=[parse_fault(text, links=len(addresses), targets=sysids) for text in options.fault],
+        faults=[
+            parse_fault(text, links=len(addresses), targets=sysids, personality=personality)
+            for text in options.fault
+        ],
     )
 
 
@@ -156,17 +167,17 @@ def _check_ranges(options: argparse.Namespace) -> None:
             raise UsageError(f"--{name.replace('_', '-')} must lie in {low:g}..{high:g}")
 
 
-def _place(options: argparse.Namespace) -> Place:
+def _place(options: argparse.Namespace, personality: Personality) -> Place:
     home = None
     if options.home is not None:
         home = GeoPoint(*_numbers("--home", options.home, 3))
         if not (abs(home.latitude_deg) < 89.0 and abs(home.longitude_deg) <= 180.0):
             raise UsageError(f"--home {options.home}: not a place on earth")
     if options.map is None:
-        return place_vehicle(None, home)
+        return place_vehicle(None, home, personality)
     from companion.world.maps import load_map  # shapely only where a map is flown
 
-    return place_vehicle(load_map(options.map), home)
+    return place_vehicle(load_map(options.map), home, personality)
 
 
 def _numbers(option: str, text: str, count: int) -> tuple[float, ...]:
@@ -211,8 +222,8 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--home",
         metavar="LAT,LON,ALT",
-        help=f"where it boots, degrees and metres AMSL ({PX4_SITL_HOME.latitude_deg},"
-        f"{PX4_SITL_HOME.longitude_deg}, on the ground of the map)",
+        help=f"where it boots, degrees and metres AMSL ({PX4.home.latitude_deg},"
+        f"{PX4.home.longitude_deg}, on the ground of the map)",
     )
     add("--target", action="append", default=[], metavar="SPEC", help="another system; see below")
     add("--fault", action="append", default=[], metavar="SPEC", help="what goes wrong; see below")

@@ -1,30 +1,16 @@
-"""PX4's estimator as seen from outside: its life cycle, its origin and its errors.
+"""An estimator as seen from outside: where the vehicle believes to be, and how wrong it is.
 
 Three frames are kept apart. *True* is where the point mass is, in NED around the place of the
 first boot. *Global* is what GLOBAL_POSITION_INT says: true plus the estimator's error. *Local*
 is LOCAL_POSITION_NED: global seen from the estimator's origin, which may move.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 
 from companion.world.frames import GeoPoint
 from sim.mock.dynamics import ZERO, Vector
 from sim.mock.geodesy import Projection
-
-GLITCH = 1024
-FLAGS_BOOT = 0x00A4
-FLAGS_ALIGNED = 0x00E5
-FLAGS_READY = 0x03FF
-FLAGS_ARMED = 0x037F
-FLAGS_LOST = 0x0065
-
-GPS_LOSS_TOLERATED_S = 5.3
-"""Time of dead reckoning after which PX4 calls its position invalid (measured)."""
-RUNAWAY_MPS = 2.0
-"""How fast the estimate drifts off once GPS is gone."""
-
-_RESETS_AT_BOOT = ((0.0, 4), (0.14, 6), (0.19, 8), (0.28, 10), (0.47, 11))
-"""Share of the boot time after which ODOMETRY.reset_counter shows these counts (recorded)."""
 
 
 def add(a: Vector, b: Vector) -> Vector:
@@ -37,17 +23,17 @@ def subtract(a: Vector, b: Vector) -> Vector:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-class Estimator:
-    """What the vehicle believes about its position.
+class Estimator(ABC):
+    """What the vehicle believes about its position; when it knows what is the autopilot's own.
 
     Args:
-        place: Where true NED zero lies.
-        boot_s: Time from power-up to ready; PX4 SIH takes 4.6 s.
+        projection: Around the place where true NED zero lies, as the autopilot does it.
+        boot_s: Time from power-up to ready.
     """
 
-    def __init__(self, place: GeoPoint, boot_s: float) -> None:
+    def __init__(self, projection: Projection, boot_s: float) -> None:
         self.boot_s = boot_s
-        self._truth = Projection(place)
+        self._truth = projection
         self.error_m: Vector = ZERO
         self.origin_shift_m: Vector = ZERO
         self.origin_count = 0
@@ -56,42 +42,25 @@ class Estimator:
         self.glitching = False
         self.gps_lost_at_s: float | None = None
 
-    def local_known(self, now_s: float) -> bool:
-        """Whether LOCAL_POSITION_NED and ODOMETRY are sent."""
-        return now_s >= 0.09 * self.boot_s
-
+    @abstractmethod
     def attitude_known(self, now_s: float) -> bool:
-        """Whether ATTITUDE, HEARTBEAT and the origin are sent."""
-        return now_s >= 0.3 * self.boot_s
+        """Whether ATTITUDE is sent."""
 
+    @abstractmethod
+    def local_known(self, now_s: float) -> bool:
+        """Whether LOCAL_POSITION_NED is sent."""
+
+    @abstractmethod
     def global_known(self, now_s: float) -> bool:
-        """Whether GLOBAL_POSITION_INT and HOME_POSITION are sent: absent until valid."""
-        return now_s >= 0.5 * self.boot_s
+        """Whether GLOBAL_POSITION_INT holds a position."""
 
+    @abstractmethod
     def ready(self, now_s: float) -> bool:
         """Whether position and velocity are good enough to fly on."""
-        lost = self.gps_lost_at_s
-        return now_s >= self.boot_s - 1e-9 and (lost is None or now_s - lost < GPS_LOSS_TOLERATED_S)
 
-    def flags(self, now_s: float, *, armed: bool) -> int:
-        """Return ESTIMATOR_STATUS.flags."""
-        if self.gps_lost_at_s is not None and not self.ready(now_s):
-            return FLAGS_LOST
-        if now_s < 0.5 * self.boot_s:
-            return FLAGS_BOOT
-        if now_s < 0.75 * self.boot_s:
-            return FLAGS_ALIGNED
-        return (FLAGS_ARMED if armed else FLAGS_READY) | (GLITCH if self.glitching else 0)
-
-    def reset_counter(self, now_s: float) -> int:
-        """Return ODOMETRY.reset_counter."""
-        count = max(n for share, n in _RESETS_AT_BOOT if now_s >= share * self.boot_s)
-        return (count + self.extra_resets) % 256
-
+    @abstractmethod
     def drift_m(self, now_s: float, dt_s: float) -> Vector:
         """Return by how much the estimate runs away in ``dt_s``, once GPS is lost."""
-        lost = self.gps_lost_at_s is not None and not self.ready(now_s)
-        return (RUNAWAY_MPS * dt_s, 0.0, 0.0) if lost else ZERO
 
     def reset(self, step_m: Vector) -> None:
         """Jump by ``step_m`` and count the reset, as after a re-alignment."""

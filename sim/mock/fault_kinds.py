@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from sim.mock.dynamics import ZERO, Vector
 from sim.mock.estimator import subtract
 from sim.mock.intruder import Intruder
-from sim.mock.modes import Mode
 from sim.mock.specs import Spec
 
 if TYPE_CHECKING:
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
 Undo = Callable[[], None]
 Act = Callable[["MockVehicle"], Undo | None]
 Plan = Callable[[Spec], Act]
-
-MODES = {mode.name.lower(): mode for mode in Mode}
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,29 +33,30 @@ class Kind:
 
 
 def _rc_takeover(spec: Spec) -> Act:
-    mode = MODES[spec.choice("mode", MODES, "posctl")]
+    mode = spec.word("mode")
 
     def act(vehicle: "MockVehicle") -> None:
-        vehicle.px4.pilot.radio = True
-        vehicle.px4.request_mode(mode)
+        autopilot = vehicle.autopilot
+        autopilot.choose_mode(mode or autopilot.takeover_mode, by_pilot=True)
 
     return act
 
 
 def _gcs_mode(spec: Spec) -> Act:
-    mode = MODES[spec.choice("mode", MODES, "loiter")]
+    mode = spec.word("mode")
 
     def act(vehicle: "MockVehicle") -> None:
-        vehicle.px4.request_mode(mode, explain=True)
+        autopilot = vehicle.autopilot
+        autopilot.choose_mode(mode or autopilot.hold_mode, by_pilot=False)
 
     return act
 
 
 def _rc_loss(spec: Spec) -> Act:
     def act(vehicle: "MockVehicle") -> Undo:
-        pilot = vehicle.px4.pilot
-        pilot.radio = False
-        return lambda: setattr(pilot, "radio", True)
+        autopilot = vehicle.autopilot
+        autopilot.lose_radio(lost=True)
+        return lambda: autopilot.lose_radio(lost=False)
 
     return act
 
@@ -67,13 +65,13 @@ def _gps_glitch(spec: Spec) -> Act:
     step = (0.0, spec.number("size", 15.0), 0.0)
 
     def act(vehicle: "MockVehicle") -> Undo:
-        px4 = vehicle.px4
-        px4.mislead(step)
-        px4.estimator.glitching = True
+        autopilot = vehicle.autopilot
+        autopilot.mislead(step)
+        autopilot.estimator.glitching = True
 
         def over() -> None:
-            px4.mislead(subtract(ZERO, step))
-            px4.estimator.glitching = False
+            autopilot.mislead(subtract(ZERO, step))
+            autopilot.estimator.glitching = False
 
         return over
 
@@ -82,12 +80,12 @@ def _gps_glitch(spec: Spec) -> Act:
 
 def _gps_loss(spec: Spec) -> Act:
     def act(vehicle: "MockVehicle") -> Undo:
-        px4 = vehicle.px4
-        px4.estimator.gps_lost_at_s = px4.now_s
+        autopilot = vehicle.autopilot
+        autopilot.estimator.gps_lost_at_s = autopilot.now_s
 
         def back() -> None:
-            px4.estimator.gps_lost_at_s = None
-            px4.reset_estimate(subtract(ZERO, px4.estimator.error_m))
+            autopilot.estimator.gps_lost_at_s = None
+            autopilot.reset_estimate(subtract(ZERO, autopilot.estimator.error_m))
 
         return back
 
@@ -102,7 +100,7 @@ def _ekf_reset(spec: Spec) -> Act:
     step_m = _shift(spec, 3.0)
 
     def act(vehicle: "MockVehicle") -> None:
-        vehicle.px4.reset_estimate(step_m)
+        vehicle.autopilot.reset_estimate(step_m)
 
     return act
 
@@ -111,16 +109,16 @@ def _origin_move(spec: Spec) -> Act:
     shift_m = _shift(spec, 10.0)
 
     def act(vehicle: "MockVehicle") -> None:
-        vehicle.px4.estimator.move_origin(shift_m)
+        vehicle.autopilot.estimator.move_origin(shift_m)
 
     return act
 
 
 def _setpoint_deaf(spec: Spec) -> Act:
     def act(vehicle: "MockVehicle") -> Undo:
-        px4 = vehicle.px4
-        px4.deaf = True
-        return lambda: setattr(px4, "deaf", False)
+        autopilot = vehicle.autopilot
+        autopilot.deaf = True
+        return lambda: setattr(autopilot, "deaf", False)
 
     return act
 
@@ -129,7 +127,7 @@ def _battery_low(spec: Spec) -> Act:
     level = min(1.0, spec.number("level", 0.1, low=0.0))
 
     def act(vehicle: "MockVehicle") -> None:
-        vehicle.px4.battery.fraction = level
+        vehicle.autopilot.battery.fraction = level
 
     return act
 
@@ -138,9 +136,9 @@ def _geofence(spec: Spec) -> Act:
     radius_m = spec.number("radius", 20.0, low=1.0)
 
     def act(vehicle: "MockVehicle") -> Undo:
-        parameters = vehicle.px4.parameters
-        parameters.override("GF_MAX_HOR_DIST", radius_m)
-        return lambda: parameters.override("GF_MAX_HOR_DIST", 0.0)
+        autopilot = vehicle.autopilot
+        autopilot.fence_in(radius_m)
+        return lambda: autopilot.fence_in(0.0)
 
     return act
 
@@ -251,16 +249,16 @@ _target_freeze = _target_fault(
 _SHIFT = ("north", "east", "down")
 _SHARE = ("percent", "link")
 KINDS: dict[str, Kind] = {
-    "rc_takeover": Kind(_rc_takeover, ("mode",), "the pilot switches to posctl"),
+    "rc_takeover": Kind(_rc_takeover, ("mode",), "the pilot switches to posctl; ArduPilot: loiter"),
     "rc_loss": Kind(_rc_loss, (), "the transmitter falls silent (with --radio)"),
-    "gcs_mode": Kind(_gcs_mode, ("mode",), "the ground station chooses loiter"),
+    "gcs_mode": Kind(_gcs_mode, ("mode",), "the ground station chooses loiter; ArduPilot: brake"),
     "gps_glitch": Kind(_gps_glitch, ("size",), "the estimate steps 15 m east, flag set"),
     "gps_loss": Kind(_gps_loss, (), "no fix; 5.3 s later no position"),
     "ekf_reset": Kind(_ekf_reset, _SHIFT, "reset_counter + 1, the estimate steps 3 m north"),
     "origin_move": Kind(_origin_move, _SHIFT, "the local origin moves 10 m north"),
     "setpoint_deaf": Kind(_setpoint_deaf, (), "setpoints no longer reach the autopilot"),
     "battery_low": Kind(_battery_low, ("level",), "the battery drops to level 0.1"),
-    "geofence": Kind(_geofence, ("radius",), "GF_MAX_HOR_DIST becomes 20 m"),
+    "geofence": Kind(_geofence, ("radius",), "a fence of 20 m around home"),
     "reboot": Kind(_reboot, (), "the autopilot restarts; in the air it falls"),
     "second_companion": Kind(
         _second_companion, ("compid", "speed"), "1/192 streams setpoints too, 1 m/s north"

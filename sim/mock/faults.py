@@ -1,7 +1,8 @@
 """Faults on a schedule: ``t=12,kind=gps_glitch,size=15,for=5``.
 
 A fault begins ``t`` seconds after the event named by ``from`` (``start``, ``arm`` or
-``offboard``, the first of each) and, where it can be undone, ends ``for`` seconds later.
+``offboard``: setpoints fly the vehicle; the first of each) and, where it can be undone, ends
+``for`` seconds later.
 """
 
 import heapq
@@ -11,7 +12,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sim.mock.fault_kinds import KINDS, Act
-from sim.mock.modes import Mode
+from sim.mock.personality import Personality
+from sim.mock.px4.personality import PX4
 from sim.mock.specs import Spec
 
 if TYPE_CHECKING:
@@ -32,13 +34,16 @@ class Fault:
     duration_s: float
 
 
-def parse_fault(text: str, *, links: int, targets: Collection[int]) -> Fault:
+def parse_fault(
+    text: str, *, links: int, targets: Collection[int], personality: Personality = PX4
+) -> Fault:
     """Read ``t=SECONDS,kind=KIND,...``; every value is checked before anything flies.
 
     Args:
         text: The specification.
         links: How many links there are.
         targets: System ids of the targets there are.
+        personality: The autopilot that it befalls.
 
     Raises:
         UsageError: If the kind or a key is unknown, or a value makes no sense.
@@ -47,6 +52,10 @@ def parse_fault(text: str, *, links: int, targets: Collection[int]) -> Fault:
     name = spec.choice("kind", KINDS)
     kind = KINDS[name]
     spec.check_keys(dict.fromkeys((*COMMON_KEYS, *kind.keys)))
+    if name in personality.silent_faults:
+        raise spec.error(f"{name} cannot befall {personality.name}")
+    if "mode" in kind.keys:
+        spec.choice("mode", personality.kind.modes, personality.kind.hold_mode)
     if "link" in kind.keys and spec.number("link", 1.0, low=1.0) > links:
         raise spec.error(f"there are only {links} links")
     if "sysid" in kind.keys:
@@ -75,11 +84,10 @@ class Schedule:
         """Begin and end what is due at ``now_s``."""
         if not self.faults:
             return
-        armed = vehicle.px4.armed
         happening = {
             "start": True,
-            "arm": armed,
-            "offboard": armed and vehicle.px4.mode is Mode.OFFBOARD,
+            "arm": vehicle.autopilot.armed,
+            "offboard": vehicle.autopilot.steered,
         }
         for fault in self.faults:
             if happening[fault.event] and fault.event not in self._seen:

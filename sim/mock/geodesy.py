@@ -1,4 +1,7 @@
-"""Local NED to latitude and longitude exactly as PX4 does it.
+"""Local NED to latitude and longitude exactly as the autopilots do it.
+
+ArduPilot multiplies differences of latitude and longitude by one constant, as on a sphere of
+6378.1 km, and shortens the east by the cosine of the mean latitude (``Location.cpp``).
 
 PX4's ``MapProjection`` is an azimuthal equidistant projection of a *sphere* of 6371 km. The
 recorded flights confirm it: at 17 m east of the origin GLOBAL_POSITION_INT and
@@ -8,6 +11,7 @@ vehicle.
 """
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from companion.world.frames import GeoPoint
@@ -15,11 +19,49 @@ from companion.world.frames import GeoPoint
 EARTH_RADIUS_M = 6371000.0
 
 
-@dataclass(frozen=True, slots=True)
-class Projection:
-    """PX4's projection around one reference point."""
+METRES_PER_DEGREE = 0.011131884502145034 * 1e7
+"""ArduPilot's LATLON_TO_M, per degree."""
+
+
+@dataclass(frozen=True)
+class Projection(ABC):
+    """A projection around one reference point."""
 
     reference: GeoPoint
+
+    @abstractmethod
+    def to_geodetic(self, north_m: float, east_m: float) -> tuple[float, float]:
+        """Return latitude and longitude in degrees."""
+
+    @abstractmethod
+    def to_local(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
+        """Return north and east in metres."""
+
+
+class FlatProjection(Projection):
+    """ArduPilot's."""
+
+    def to_geodetic(self, north_m: float, east_m: float) -> tuple[float, float]:
+        """Return latitude and longitude in degrees."""
+        climb_deg = north_m / METRES_PER_DEGREE
+        scale = self._longitude_scale(self.reference.latitude_deg + climb_deg / 2.0)
+        turn_deg = east_m / METRES_PER_DEGREE / scale
+        return self.reference.latitude_deg + climb_deg, self.reference.longitude_deg + turn_deg
+
+    def to_local(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
+        """Return north and east in metres."""
+        climb_deg = latitude_deg - self.reference.latitude_deg
+        scale = self._longitude_scale(self.reference.latitude_deg + climb_deg / 2.0)
+        turn_deg = (longitude_deg - self.reference.longitude_deg + 180.0) % 360.0 - 180.0
+        return climb_deg * METRES_PER_DEGREE, turn_deg * METRES_PER_DEGREE * scale
+
+    @staticmethod
+    def _longitude_scale(latitude_deg: float) -> float:
+        return max(0.01, math.cos(math.radians(latitude_deg)))
+
+
+class SphericalProjection(Projection):
+    """PX4's."""
 
     def to_geodetic(self, north_m: float, east_m: float) -> tuple[float, float]:
         """Return latitude and longitude in degrees."""

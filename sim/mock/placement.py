@@ -12,12 +12,11 @@ from companion.errors import MapError
 from companion.world.frames import GeoPoint, enu_to_geodetic, geodetic_to_enu
 from sim.mock.dynamics import Vector
 from sim.mock.geodesy import Projection
+from sim.mock.personality import Personality
+from sim.mock.px4.personality import PX4
 
 if TYPE_CHECKING:  # shapely is loaded only where a map is flown
     from companion.world.maps import Map
-
-PX4_SITL_HOME = GeoPoint(47.397742, 8.545594, 489.4)
-"""Where PX4 SITL boots."""
 
 _NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _PROBE_M = 100.0
@@ -28,7 +27,7 @@ class Place:
     """The place of power-up. Without a map, "map" coordinates are ENU metres from there.
 
     ``map_enu = launch_enu_m + matrix @ true_ned``. On a map with a place on earth the matrix
-    holds what PX4's spherical projection makes of WGS84 metres, so the referee judges where the
+    holds what the autopilot's projection makes of WGS84 metres, so the referee judges where the
     vehicle truly is and not where a companion believes it to be.
     """
 
@@ -36,6 +35,8 @@ class Place:
     map: Map | None
     launch_enu_m: FloatArray
     matrix: FloatArray
+    projection: Projection
+    """The autopilot's own, around ``home``."""
 
     def to_map(self, position_ned_m: Vector) -> FloatArray:
         """Return the map position of a true local one, shape ``(3,)``."""
@@ -47,27 +48,31 @@ class Place:
         if self.map is not None and self.map.origin is not None:
             return enu_to_geodetic(self.map.origin, position_enu_m)
         east, north, up = (float(v) for v in position_enu_m - self.launch_enu_m)
-        latitude, longitude = Projection(self.home).to_geodetic(north, east)
+        latitude, longitude = self.projection.to_geodetic(north, east)
         return GeoPoint(latitude, longitude, self.home.altitude_m + up)
 
 
-def place_vehicle(map_: Map | None, home: GeoPoint | None) -> Place:
+def place_vehicle(map_: Map | None, home: GeoPoint | None, personality: Personality = PX4) -> Place:
     """Choose where the vehicle boots.
 
     Args:
         map_: The map, if any. One with ``launch_m`` says where local zero lies; on one with an
             ``origin`` the vehicle stands at ``home``.
-        home: Wished place on earth; ``None`` for that of PX4 SITL, on the ground of the map.
+        home: Wished place on earth; ``None`` for that of the personality's simulator, on a map
+            with an ``origin`` for that of PX4 SITL on the ground.
+        personality: The autopilot, whose projection ties local NED to the globe.
 
     Raises:
         MapError: If ``home`` lies outside the map or inside an obstacle.
     """
-    wanted = home or PX4_SITL_HOME
-    if map_ is None:
-        return Place(wanted, None, np.zeros(3), _NED_TO_ENU)
-    if map_.origin is None:
-        launch = np.zeros(3) if map_.launch_enu_m is None else np.asarray(map_.launch_enu_m)
-        return Place(wanted, map_, launch, _NED_TO_ENU)
+    project = personality.projection
+    if map_ is None or map_.origin is None:
+        wanted = home or personality.home
+        launch = np.zeros(3)
+        if map_ is not None and map_.launch_enu_m is not None:
+            launch = np.asarray(map_.launch_enu_m)
+        return Place(wanted, map_, launch, _NED_TO_ENU, project(wanted))
+    wanted = home or PX4.home
     launch = geodetic_to_enu(map_.origin, wanted)
     if home is None:  # the altitude of PX4 SITL's home means nothing here: stand on the ground
         launch = np.array([launch[0], launch[1], 0.0])
@@ -78,19 +83,19 @@ def place_vehicle(map_: Map | None, home: GeoPoint | None) -> Place:
             f"home {wanted.latitude_deg:.6f},{wanted.longitude_deg:.6f},{wanted.altitude_m:.1f} is "
             f"not a free place on map {map_.name}: give one with --home LAT,LON,ALT"
         )
-    return Place(wanted, map_, launch, _tie(map_.origin, wanted))
+    projection = project(wanted)
+    return Place(wanted, map_, launch, _tie(map_.origin, projection), projection)
 
 
-def _tie(map_origin: GeoPoint, home: GeoPoint) -> FloatArray:
-    """Return the Jacobian of map ENU by PX4's local NED around ``home``."""
-    projection = Projection(home)
+def _tie(map_origin: GeoPoint, projection: Projection) -> FloatArray:
+    """Return the Jacobian of map ENU by the autopilot's local NED around home."""
     columns = []
     for axis in np.eye(3) * _PROBE_M:
         ends = []
         for sign in (1.0, -1.0):
             north, east, down = (float(v) for v in sign * axis)
             latitude, longitude = projection.to_geodetic(north, east)
-            point = GeoPoint(latitude, longitude, home.altitude_m - down)
+            point = GeoPoint(latitude, longitude, projection.reference.altitude_m - down)
             ends.append(geodetic_to_enu(map_origin, point))
         columns.append((ends[0] - ends[1]) / (2.0 * _PROBE_M))
     return np.stack(columns, axis=1)

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from companion.arrays import FloatArray
-from sim.mock.modes import Mode
+from sim.mock.autopilot import Autopilot, FlightMode
 from sim.mock.placement import Place
-from sim.mock.px4 import Px4
 
 PERIOD_S = 0.05
 
@@ -37,8 +36,8 @@ class Referee:
     """Changes of mode and arming, as (time, words)."""
     setpoints_by_sender: dict[str, int] = field(default_factory=dict)
     setpoints_after_mode_shown: int = 0
-    """Setpoints sent although a HEARTBEAT had said that OFFBOARD is over: a good companion has
-    none of them but for the one that was under way."""
+    """Setpoints sent although a HEARTBEAT had said that OFFBOARD (GUIDED) is over: a good
+    companion has none of them but for the one that was under way."""
     _last_enu_m: FloatArray | None = None
     _touching: bool = False
     _offboard_flown: bool = False
@@ -48,7 +47,7 @@ class Referee:
         if not self.timeline or self.timeline[-1][1] != words:
             self.timeline.append((round(time_s, 3), words))
 
-    def count_setpoint(self, sender: str, mode: Mode, shown_mode: Mode | None) -> None:
+    def count_setpoint(self, sender: str, mode: FlightMode, shown_mode: FlightMode | None) -> None:
         """Count one setpoint message.
 
         Args:
@@ -57,25 +56,26 @@ class Referee:
             shown_mode: The mode in the newest HEARTBEAT on the sender's link.
         """
         self.setpoints_by_sender[sender] = self.setpoints_by_sender.get(sender, 0) + 1
-        if self._offboard_flown and mode is shown_mode and mode is not Mode.OFFBOARD:
+        if self._offboard_flown and mode is shown_mode and not mode.is_external:
             self.setpoints_after_mode_shown += 1
 
-    def observe(self, time_s: float, px4: Px4) -> Contact | None:
+    def observe(self, time_s: float, autopilot: Autopilot) -> Contact | None:
         """Look at the vehicle; called every ``PERIOD_S``.
 
         Returns:
             The contact that began since the last look, if any.
         """
-        armed = "armed" if px4.armed else "disarmed"
-        cause = f" (failsafe: {px4.failsafe.cause.value})" if px4.failsafe.cause else ""
-        self.note(time_s, f"{px4.mode.name} {armed}{cause}")
-        self._offboard_flown |= px4.armed and px4.mode is Mode.OFFBOARD
-        here = self.place.to_map(px4.body.position_m)
+        armed = "armed" if autopilot.armed else "disarmed"
+        words = autopilot.failsafe_words
+        cause = f" (failsafe: {words})" if words else ""
+        self.note(time_s, f"{autopilot.mode.name} {armed}{cause}")
+        self._offboard_flown |= autopilot.armed and autopilot.mode.is_external
+        here = self.place.to_map(autopilot.body.position_m)
         last = here if self._last_enu_m is None else self._last_enu_m
         self._last_enu_m = here
-        if px4.landed:
+        if autopilot.landed:
             return None
-        speed_mps = math.hypot(*px4.body.velocity_mps)
+        speed_mps = math.hypot(*autopilot.body.velocity_mps)
         self.distance_flown_m += float(np.linalg.norm(here - last))
         self.max_speed_mps = max(self.max_speed_mps, speed_mps)
         map_ = self.place.map
@@ -94,7 +94,7 @@ class Referee:
         self.contacts.append(contact)
         return contact
 
-    def report(self, time_s: float, px4: Px4) -> dict[str, Any]:
+    def report(self, time_s: float, autopilot: Autopilot) -> dict[str, Any]:
         """Return the verdict as plain data for JSON."""
         clearance = self.min_clearance_m
         return {
@@ -108,9 +108,9 @@ class Referee:
             "left_map": self.left_map,
             "distance_flown_m": round(self.distance_flown_m, 3),
             "max_speed_mps": round(self.max_speed_mps, 3),
-            "setpoints_received": px4.setpoints_received,
-            "setpoints_outside_offboard": px4.setpoints_outside_offboard,
-            "setpoints_refused": px4.setpoints_refused,
+            "setpoints_received": autopilot.setpoints_received,
+            "setpoints_outside_offboard": autopilot.setpoints_outside_offboard,
+            "setpoints_refused": autopilot.setpoints_refused,
             "setpoints_after_mode_shown": self.setpoints_after_mode_shown,
             "setpoints_by_sender": self.setpoints_by_sender,
             "timeline": self.timeline,

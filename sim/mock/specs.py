@@ -47,6 +47,10 @@ class Spec:
             raise self.error(f"{key} must be one of {', '.join(allowed)}")
         return value
 
+    def word(self, key: str) -> str | None:
+        """Return any word, ``None`` where it is not given."""
+        return self._values.get(key)
+
     def number(self, key: str, default: float, *, low: float = -math.inf) -> float:
         """Return a finite number of at least ``low``; the default may be infinite."""
         if key not in self._values:

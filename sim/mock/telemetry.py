@@ -1,9 +1,6 @@
-"""Messages about the flight: mode, attitude, position, targets. One builder per message.
+"""Messages that both autopilots send alike, and the pieces of those that they do not.
 
 A builder returns ``None`` while there is nothing to say.
-
-Values that PX4 SIH keeps constant (covariances, temperatures, sensor masks) are those of the
-recorded flights.
 """
 
 import math
@@ -11,23 +8,23 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.mock.modes import Mode
-from sim.mock.px4 import Px4
+from companion.world.frames import GeoPoint
+from sim.mock.autopilot import Autopilot
+from sim.mock.pilot import Sticks
 
 NAN = math.nan
-IDENTITY = (1.0, 0.0, 0.0, 0.0)
-LOCAL_NED = 1
-ESTIMATOR_AUTOPILOT = 8
+CALENDAR_US = 1_795_325_562_000_000
+"""The calendar is that of the recorded flights, so that runs repeat."""
 
 
-def boot_ms(px4: Px4) -> int:
+def boot_ms(autopilot: Autopilot) -> int:
     """Return the time since power-up in milliseconds."""
-    return round(px4.now_s * 1e3)
+    return round(autopilot.now_s * 1e3)
 
 
-def boot_us(px4: Px4) -> int:
+def boot_us(autopilot: Autopilot) -> int:
     """Return the time since power-up in microseconds."""
-    return round(px4.now_s * 1e6)
+    return round(autopilot.now_s * 1e6)
 
 
 def degrees_e7(angle_deg: float) -> int:
@@ -35,192 +32,109 @@ def degrees_e7(angle_deg: float) -> int:
     return round(angle_deg * 1e7)
 
 
-def quaternion(px4: Px4) -> tuple[float, float, float, float]:
-    """Return the attitude as w, x, y, z."""
-    half_roll, half_pitch = px4.body.roll_rad / 2.0, px4.body.pitch_rad / 2.0
-    half_yaw = px4.body.yaw_rad / 2.0
-    cr, sr = math.cos(half_roll), math.sin(half_roll)
-    cp, sp = math.cos(half_pitch), math.sin(half_pitch)
-    cy, sy = math.cos(half_yaw), math.sin(half_yaw)
+def heading_cdeg(angle_rad: float) -> int:
+    """Return an angle as a heading of 0 to 35999 centidegrees."""
+    return round(math.degrees(angle_rad) % 360.0 * 100.0) % 36000
+
+
+def geodetic_e7(point: GeoPoint) -> tuple[int, int, int]:
+    """Return latitude and longitude in degrees times 1e7 and the altitude in millimetres."""
     return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
-
-
-def heartbeat(px4: Px4) -> Any:
-    """HEARTBEAT: type, mode, armed, system status (P16)."""
-    if not px4.estimator.attitude_known(px4.now_s):
-        return None
-    base_mode = px4.mode.base_mode(armed=px4.armed, offboard_seen=px4.offboard_seen)
-    return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_QUADROTOR,
-        mavlink.MAV_AUTOPILOT_PX4,
-        base_mode,
-        px4.mode.custom_mode,
-        px4.system_status,
-        3,
-    )
-
-
-def attitude(px4: Px4) -> Any:
-    """ATTITUDE."""
-    if not px4.estimator.attitude_known(px4.now_s):
-        return None
-    body = px4.body
-    return mavlink.MAVLink_attitude_message(
-        boot_ms(px4), body.roll_rad, body.pitch_rad, body.yaw_rad, 0.0, 0.0, body.yaw_rate_radps
-    )
-
-
-def attitude_quaternion(px4: Px4) -> Any:
-    """ATTITUDE_QUATERNION."""
-    if not px4.estimator.attitude_known(px4.now_s):
-        return None
-    return mavlink.MAVLink_attitude_quaternion_message(
-        boot_ms(px4), *quaternion(px4), 0.0, 0.0, px4.body.yaw_rate_radps, IDENTITY
-    )
-
-
-def local_position(px4: Px4) -> Any:
-    """LOCAL_POSITION_NED; keeps coming even when the estimate is lost."""
-    if not px4.estimator.local_known(px4.now_s):
-        return None
-    return mavlink.MAVLink_local_position_ned_message(
-        boot_ms(px4), *px4.local_position_m(), *px4.body.velocity_mps
-    )
-
-
-def global_position(px4: Px4) -> Any:
-    """GLOBAL_POSITION_INT, absent until valid."""
-    if not px4.estimator.global_known(px4.now_s) or px4.home_true_m is None:
-        return None
-    point = px4.estimator.geodetic(px4.noisy_true_m())
-    home = px4.estimator.geodetic(px4.home_true_m)
-    vn, ve, vd = px4.body.velocity_mps
-    return mavlink.MAVLink_global_position_int_message(
-        boot_ms(px4),
         degrees_e7(point.latitude_deg),
         degrees_e7(point.longitude_deg),
         round(point.altitude_m * 1e3),
+    )
+
+
+def attitude(autopilot: Autopilot) -> Any:
+    """ATTITUDE."""
+    if not autopilot.estimator.attitude_known(autopilot.now_s):
+        return None
+    body = autopilot.body
+    return mavlink.MAVLink_attitude_message(
+        boot_ms(autopilot),
+        body.roll_rad,
+        body.pitch_rad,
+        body.yaw_rad,
+        0.0,
+        0.0,
+        body.yaw_rate_radps,
+    )
+
+
+def local_position(autopilot: Autopilot) -> Any:
+    """LOCAL_POSITION_NED."""
+    if not autopilot.estimator.local_known(autopilot.now_s):
+        return None
+    return mavlink.MAVLink_local_position_ned_message(
+        boot_ms(autopilot), *autopilot.local_position_m(), *autopilot.body.velocity_mps
+    )
+
+
+def global_position(autopilot: Autopilot) -> Any:
+    """GLOBAL_POSITION_INT, absent until there is a position and a home."""
+    if autopilot.home_true_m is None or not autopilot.estimator.global_known(autopilot.now_s):
+        return None
+    point = autopilot.estimator.geodetic(autopilot.noisy_true_m())
+    home = autopilot.estimator.geodetic(autopilot.home_true_m)
+    vn, ve, vd = autopilot.body.velocity_mps
+    return mavlink.MAVLink_global_position_int_message(
+        boot_ms(autopilot),
+        *geodetic_e7(point),
         round((point.altitude_m - home.altitude_m) * 1e3),
         round(vn * 100.0),
         round(ve * 100.0),
         round(vd * 100.0),
-        round(math.degrees(px4.body.yaw_rad) % 360.0 * 100.0) % 36000,
+        heading_cdeg(autopilot.body.yaw_rad),
     )
 
 
-def odometry(px4: Px4) -> Any:
-    """ODOMETRY: frames LOCAL_NED both, and the only sight of estimator resets (P20)."""
-    if not px4.estimator.local_known(px4.now_s):
-        return None
-    return mavlink.MAVLink_odometry_message(
-        boot_us(px4),
-        LOCAL_NED,
-        LOCAL_NED,
-        *px4.local_position_m(),
-        quaternion(px4),
-        *px4.body.velocity_mps,
-        0.0,
-        0.0,
-        px4.body.yaw_rate_radps,
-        (0.01,) + (0.0,) * 20,
-        (0.01,) + (0.0,) * 20,
-        px4.estimator.reset_counter(px4.now_s),
-        ESTIMATOR_AUTOPILOT,
-        0,
-    )
-
-
-def extended_sys_state(px4: Px4) -> Any:
-    """EXTENDED_SYS_STATE: landed or not."""
-    return mavlink.MAVLink_extended_sys_state_message(0, px4.landed_state)
-
-
-def estimator_status(px4: Px4) -> Any:
-    """ESTIMATOR_STATUS: the flags say whether the position can be trusted."""
-    if not px4.estimator.attitude_known(px4.now_s):
-        return None
-    flags = px4.estimator.flags(px4.now_s, armed=px4.armed)
-    return mavlink.MAVLink_estimator_status_message(
-        boot_us(px4), flags, 0.01, 0.01, 0.01, 0.01, 0.01, NAN, 0.2, 0.2
-    )
-
-
-def gps_global_origin(px4: Px4) -> Any:
-    """GPS_GLOBAL_ORIGIN; sent when it changes and when asked (P19)."""
-    if not px4.estimator.attitude_known(px4.now_s):
-        return None
-    point = px4.estimator.origin()
+def gps_global_origin(autopilot: Autopilot) -> Any:
+    """GPS_GLOBAL_ORIGIN."""
     return mavlink.MAVLink_gps_global_origin_message(
-        degrees_e7(point.latitude_deg),
-        degrees_e7(point.longitude_deg),
-        round(point.altitude_m * 1e3),
-        boot_us(px4),
+        *geodetic_e7(autopilot.estimator.origin()), boot_us(autopilot)
     )
 
 
-def home_position(px4: Px4) -> Any:
-    """HOME_POSITION: set at power-up and again at arming."""
-    if px4.home_true_m is None:
+def home_position(autopilot: Autopilot, q: tuple[float, float, float, float]) -> Any:
+    """HOME_POSITION with an orientation that means nothing."""
+    if autopilot.home_true_m is None:
         return None
-    point = px4.estimator.geodetic(px4.home_true_m)
     return mavlink.MAVLink_home_position_message(
-        degrees_e7(point.latitude_deg),
-        degrees_e7(point.longitude_deg),
-        round(point.altitude_m * 1e3),
-        *px4.estimator.to_local(px4.home_true_m),
-        IDENTITY,
+        *geodetic_e7(autopilot.estimator.geodetic(autopilot.home_true_m)),
+        *autopilot.estimator.to_local(autopilot.home_true_m),
+        q,
         0.0,
         0.0,
         0.0,
-        boot_us(px4),
+        boot_us(autopilot),
     )
 
 
-def position_target_local(px4: Px4) -> Any:
-    """POSITION_TARGET_LOCAL_NED: mask 7 for a velocity, 0 for a position, 63 when idle."""
-    demand = px4.flight.demand
-    if px4.landed:
-        return mavlink.MAVLink_position_target_local_ned_message(
-            boot_ms(px4), LOCAL_NED, 63, *(NAN,) * 6, 0.0, 0.0, 100.0, px4.body.yaw_rad, 0.0
-        )
-    setpoint = px4.setpoint if px4.mode is Mode.OFFBOARD else None
-    position, mask = (NAN, NAN, NAN), 7
-    if setpoint is not None and any(map(math.isfinite, setpoint.position_m)):
-        position, mask = setpoint.position_m, 0
-    elif demand.position_m is not None:
-        position, mask = px4.estimator.to_local(demand.position_m), 0
-    return mavlink.MAVLink_position_target_local_ned_message(
-        boot_ms(px4),
-        LOCAL_NED,
-        mask,
-        *position,
-        *demand.velocity_mps,
-        *px4.body.acceleration_mps2,
-        px4.body.yaw_rad,
-        demand.yaw_rate_radps,
+def system_time(autopilot: Autopilot) -> Any:
+    """SYSTEM_TIME."""
+    clock_us = CALENDAR_US + boot_us(autopilot)
+    return mavlink.MAVLink_system_time_message(clock_us, boot_ms(autopilot))
+
+
+def timesync(autopilot: Autopilot) -> Any:
+    """TIMESYNC as a question; ``incoming`` answers those of others."""
+    return mavlink.MAVLink_timesync_message(0, round(autopilot.now_s * 1e9))
+
+
+def vfr_hud(autopilot: Autopilot, airspeed_mps: float, throttle_percent: int) -> Any:
+    """VFR_HUD."""
+    vn, ve, vd = autopilot.body.velocity_mps
+    point = autopilot.estimator.geodetic(autopilot.body.position_m)
+    heading = round(math.degrees(autopilot.body.yaw_rad)) % 360
+    return mavlink.MAVLink_vfr_hud_message(
+        airspeed_mps, math.hypot(vn, ve), heading, throttle_percent, point.altitude_m, -vd
     )
 
 
-def position_target_global(px4: Px4) -> Any:
-    """POSITION_TARGET_GLOBAL_INT, in the modes that fly by themselves."""
-    target = px4.flight.demand.position_m
-    if px4.landed or target is None or not px4.mode.is_auto:
-        return None
-    point = px4.estimator.geodetic(target)
-    return mavlink.MAVLink_position_target_global_int_message(
-        boot_ms(px4),
-        mavlink.MAV_FRAME_GLOBAL_INT,
-        0,
-        degrees_e7(point.latitude_deg),
-        degrees_e7(point.longitude_deg),
-        point.altitude_m,
-        *px4.flight.demand.velocity_mps,
-        *px4.body.acceleration_mps2,
-        px4.body.yaw_rad,
-        0.0,
+def stick_pulses(sticks: Sticks) -> tuple[int, int, int, int]:
+    """Return roll, pitch, throttle and yaw as pulses of 1000 to 2000 us."""
+    roll, pitch, throttle, yaw = (
+        round(1500 + 500 * axis) for axis in (sticks.right, sticks.forward, sticks.up, sticks.turn)
     )
+    return roll, pitch, throttle, yaw

@@ -5,19 +5,21 @@ time, and sends what ``take_output`` returns.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.mock import incoming
-from sim.mock.channel import COMPONENT_ID, SYSTEM_ID, Channel
+from sim.mock.autopilot import CRITICAL, Autopilot, PowerUp
+from sim.mock.channel import COMPONENT_ID, SYSTEM_ID
 from sim.mock.dynamics import ZERO, PointMass, Response, Vector, Wind
 from sim.mock.faults import Fault, Schedule
+from sim.mock.incoming import handle
 from sim.mock.intruder import Intruder
+from sim.mock.personality import Personality
 from sim.mock.placement import Place
-from sim.mock.px4 import CRITICAL, Px4
+from sim.mock.px4.personality import PX4
 from sim.mock.referee import PERIOD_S, Contact, Referee
 from sim.mock.targets import Target
 from sim.mock.wire import Impairment, Wire
@@ -35,14 +37,16 @@ class Settings:
     place: Place
     boot_s: float = 1.5
     radio: bool = False
-    response: Response = field(default_factory=Response)
+    personality: Personality = PX4
+    response: Response | None = None
+    """``None`` for that of the personality's simulator."""
     wind_ned_mps: Vector = ZERO
     gust_mps: float = 0.0
     noise_m: float = 0.0
 
 
 class MockVehicle:
-    """A PX4 with its links and its surroundings.
+    """An autopilot with its links and its surroundings.
 
     Args:
         settings: The vehicle.
@@ -67,7 +71,9 @@ class MockVehicle:
         self.impairments = [Impairment() for _ in ground_links]
         self.intruder: Intruder | None = None
         self.time_s = 0.0
-        self._channels = [Channel(ground=ground) for ground in ground_links]
+        self._personality = settings.personality
+        self._channels = [self._personality.open_channel(ground) for ground in ground_links]
+        self._heard: list[set[tuple[int, int]]] = [set() for _ in ground_links]
         self._inbound = [Wire(impairment, rng) for impairment in self.impairments]
         self._outbound = [Wire(impairment, rng) for impairment in self.impairments]
         self._listener: Any = mavlink.MAVLink(None)
@@ -76,7 +82,7 @@ class MockVehicle:
         self._ticks = 0
         self._power_up_s = 0.0
         self._log: list[str] = []
-        self.px4 = self._power_up(PointMass(settings.response))
+        self.autopilot = self._power_up(PointMass(settings.response or self._personality.response))
 
     def receive(self, link: int, data: bytes) -> None:
         """Take in bytes that arrived on a link."""
@@ -115,12 +121,12 @@ class MockVehicle:
 
     def report(self) -> dict[str, Any]:
         """Return the referee's verdict."""
-        return self.referee.report(self.time_s, self.px4)
+        return self.referee.report(self.time_s, self.autopilot)
 
     def reboot(self) -> None:
         """Restart the autopilot: its clock begins at zero, nothing is armed."""
         self._power_up_s = self.time_s
-        self.px4 = self._power_up(self.px4.body)
+        self.autopilot = self._power_up(self.autopilot.body)
 
     def _tick(self) -> None:
         self._schedule.tick(self.time_s, self)
@@ -128,46 +134,51 @@ class MockVehicle:
             self._deliver(link)
         if self.intruder is not None:
             self._broadcast(self.intruder.tick(self.time_s), heard_by_us=True)
-        self.px4.step(self.time_s - self._power_up_s)
+        self.autopilot.step(self.time_s - self._power_up_s)
         if self._ticks % _REFEREE_TICKS == 0:
-            contact = self.referee.observe(self.time_s, self.px4)
+            contact = self.referee.observe(self.time_s, self.autopilot)
             if contact is not None:
                 self._tell_contact(contact)
         for target in self.targets:
             self._broadcast(target.tick(self.time_s), heard_by_us=False)
-        texts = self.px4.take_texts()
+        texts = self.autopilot.take_texts()
         for channel in self._channels:
-            channel.tell(self.px4.now_s, texts)
-            channel.tick(self.px4)
+            channel.tell(self.autopilot.now_s, texts)
+            channel.tick(self.autopilot)
 
-    def _power_up(self, body: PointMass) -> Px4:
+    def _power_up(self, body: PointMass) -> Autopilot:
         settings = self.settings
         for channel in self._channels:
             channel.restart(settings.boot_s)
-        return Px4(
-            place=settings.place.home,
-            boot_s=settings.boot_s,
-            radio=settings.radio,
-            body=body,
-            wind=Wind(self._rng, settings.wind_ned_mps, settings.gust_mps),
-            noise_m=settings.noise_m,
-            rng=self._rng,
+        return self._personality.build(
+            PowerUp(
+                place=settings.place.home,
+                boot_s=settings.boot_s,
+                radio=settings.radio,
+                body=body,
+                wind=Wind(self._rng, settings.wind_ned_mps, settings.gust_mps),
+                noise_m=settings.noise_m,
+                rng=self._rng,
+            )
         )
 
     def _deliver(self, link: int) -> None:
         channel = self._channels[link]
         for data in self._inbound[link].take(self.time_s):
             for message in channel.decode(data):
-                self._hear(message, channel)
+                self._heard[link].add((message.get_srcSystem(), message.get_srcComponent()))
+                self._hear(message, link)
                 self._route(link, message)
 
-    def _hear(self, message: Any, channel: Channel) -> None:
-        if not incoming.is_for_us(message):
+    def _hear(self, message: Any, link: int) -> None:
+        others = (heard for number, heard in enumerate(self._heard) if number != link)
+        if not self._personality.is_for_us(message, set().union(*others)):
             return
+        channel = self._channels[link]
         if message.get_type() in SETPOINTS:
             sender = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
-            self.referee.count_setpoint(sender, self.px4.mode, channel.shown_mode)
-        incoming.handle(self.px4, channel, message)
+            self.referee.count_setpoint(sender, self.autopilot.mode, channel.shown_mode)
+        handle(self._personality.handlers, self.autopilot, channel, message)
 
     def _route(self, link: int, message: Any) -> None:
         """Pass on what is not for this autopilot alone: other parties' heartbeats above all."""
@@ -185,14 +196,14 @@ class MockVehicle:
             for channel in self._channels:
                 channel.pass_on(packet)
             if heard_by_us:
-                self._hear(self._listener.decode(bytearray(packet)), self._channels[0])
+                self._hear(self._listener.decode(bytearray(packet)), 0)
 
     def _tell_contact(self, contact: Contact) -> None:
         east, north, up = contact.position_enu_m
         text = f"Contact with an obstacle at E {east:.1f} N {north:.1f} U {up:.1f}"
         self.log(text)
-        self.px4.say(CRITICAL, text)
+        self.autopilot.say(CRITICAL, text)
         count = len(self.referee.contacts)
-        clock_ms = round(self.px4.now_s * 1e3)
+        clock_ms = round(self.autopilot.now_s * 1e3)
         for channel in self._channels:
             channel.send(mavlink.MAVLink_named_value_int_message(clock_ms, b"contacts", count))

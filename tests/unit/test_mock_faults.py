@@ -88,7 +88,7 @@ def test_gps_glitch_steps_both_positions_and_comes_back():
     bench = flying("from=offboard,t=8,kind=gps_glitch,size=15,for=2")
     hover(bench, 0.1)
     before = bench.last("LOCAL_POSITION_NED").y, bench.last("GLOBAL_POSITION_INT").lon
-    assert hover(bench, 10.0, until=lambda: bench.vehicle.px4.estimator.glitching)
+    assert hover(bench, 10.0, until=lambda: bench.vehicle.autopilot.estimator.glitching)
     hover(bench, 1.2)
     assert bench.last("LOCAL_POSITION_NED").y - before[0] == pytest.approx(15.0, abs=0.5)
     metres = (bench.last("GLOBAL_POSITION_INT").lon - before[1]) * 1e-7 * 111_195.0 * 0.677
@@ -103,13 +103,13 @@ def test_a_glitch_drags_a_holding_vehicle_off_its_place_and_a_reset_does_not():
     bench = flying()
     bench.command(176, 1.0, 4.0, 3.0)
     bench.run(3.0)
-    body = bench.vehicle.px4.body
+    body = bench.vehicle.autopilot.body
     before = body.position_m[1]
     home = bench.last("HOME_POSITION").longitude
-    bench.vehicle.px4.reset_estimate((0.0, 5.0, 0.0))
+    bench.vehicle.autopilot.reset_estimate((0.0, 5.0, 0.0))
     bench.run(5.0)
     assert body.position_m[1] == pytest.approx(before, abs=0.1)
-    bench.vehicle.px4.mislead((0.0, 15.0, 0.0))
+    bench.vehicle.autopilot.mislead((0.0, 15.0, 0.0))
     bench.run(15.0)
     assert body.position_m[1] == pytest.approx(before - 15.0, abs=0.5)
     assert bench.last("HOME_POSITION").longitude == home
@@ -119,7 +119,7 @@ def test_ekf_reset_counts_once_and_steps():
     bench = flying()
     counter = bench.last("ODOMETRY").reset_counter
     north = bench.last("LOCAL_POSITION_NED").x
-    bench.vehicle.px4.reset_estimate((3.0, 0.0, 0.0))
+    bench.vehicle.autopilot.reset_estimate((3.0, 0.0, 0.0))
     hover(bench, 0.2)
     assert bench.last("ODOMETRY").reset_counter == counter + 1
     assert bench.last("LOCAL_POSITION_NED").x - north == pytest.approx(3.0, abs=0.1)
@@ -127,7 +127,7 @@ def test_ekf_reset_counts_once_and_steps():
 
 def test_origin_move_shifts_the_local_position_but_not_the_global_one():
     bench = flying("from=offboard,t=8,kind=origin_move,north=10,east=-4")
-    assert hover(bench, 10.0, until=lambda: bench.vehicle.px4.estimator.origin_count > 0)
+    assert hover(bench, 10.0, until=lambda: bench.vehicle.autopilot.estimator.origin_count > 0)
     local, world = bench.last("LOCAL_POSITION_NED"), bench.last("GLOBAL_POSITION_INT")
     hover(bench, 0.5)
     moved = bench.last("LOCAL_POSITION_NED")
@@ -138,7 +138,7 @@ def test_origin_move_shifts_the_local_position_but_not_the_global_one():
 
 def test_gps_loss_lands_after_five_seconds_and_the_local_position_runs_away():
     bench = flying("from=offboard,t=8,kind=gps_loss")
-    px4 = bench.vehicle.px4
+    px4 = bench.vehicle.autopilot
     assert hover(bench, 10.0, until=lambda: px4.estimator.gps_lost_at_s is not None)
     lost_s = bench.time_s
     assert hover(bench, 10.0, until=lambda: px4.mode.name == "LAND")
@@ -151,7 +151,7 @@ def test_gps_loss_lands_after_five_seconds_and_the_local_position_runs_away():
 
 def test_setpoint_deaf_looks_like_a_dead_companion():
     bench = flying("from=offboard,t=8,kind=setpoint_deaf,for=3")
-    px4 = bench.vehicle.px4
+    px4 = bench.vehicle.autopilot
     assert hover(bench, 10.0, until=lambda: px4.mode.name == "RTL")
     hover(bench, 5.0)
     assert px4.mode.name == "OFFBOARD"
@@ -161,7 +161,7 @@ def test_link_loss_silences_both_directions_and_the_failsafe_acts():
     bench = flying("from=offboard,t=8,kind=link_loss,for=4")
     assert hover(bench, 10.0, until=lambda: bench.vehicle.impairments[0].cut > 0.0)
     assert count(bench, "HEARTBEAT", 3.0) == 0
-    assert bench.vehicle.px4.mode.name == "RTL"
+    assert bench.vehicle.autopilot.mode.name == "RTL"
     assert count(bench, "HEARTBEAT", 3.0) >= 1
 
 
@@ -210,7 +210,7 @@ def test_a_lost_acknowledgement_still_means_the_command_was_obeyed():
     bench = Bench(faults=["kind=ack_lost,t=1"])
     bench.run(2.0)
     assert bench.command(176, 1.0, 6.0) is None
-    assert bench.vehicle.px4.mode.name == "OFFBOARD"
+    assert bench.vehicle.autopilot.mode.name == "OFFBOARD"
     assert bench.command(176, 1.0, 6.0) == ACCEPTED
 
 
@@ -218,8 +218,8 @@ def test_low_battery_is_shown_and_acts_only_if_told_to():
     bench = flying("from=offboard,t=8,kind=battery_low,level=0.06")
     hover(bench, 6.0)
     assert bench.last("SYS_STATUS").battery_remaining == 6
-    assert bench.vehicle.px4.mode.name == "OFFBOARD"
-    bench.vehicle.px4.parameters.override("COM_LOW_BAT_ACT", 3)
+    assert bench.vehicle.autopilot.mode.name == "OFFBOARD"
+    bench.vehicle.autopilot.parameters.override("COM_LOW_BAT_ACT", 3)
     hover(bench, 2.0)
     assert bench.last("HEARTBEAT").custom_mode == 0x05040000
     assert bench.last("HEARTBEAT").system_status == 5

@@ -11,8 +11,9 @@ from companion.world.frames import GeoPoint, geodetic_to_enu
 from companion.world.maps import load_map
 from sim.mock.bench import Bench
 from sim.mock.dynamics import Response
-from sim.mock.geodesy import Projection
-from sim.mock.placement import PX4_SITL_HOME, place_vehicle
+from sim.mock.geodesy import SphericalProjection
+from sim.mock.placement import place_vehicle
+from sim.mock.px4.personality import PX4
 from sim.mock.targets import parse_target
 from sim.mock.vehicle import Settings
 
@@ -62,7 +63,7 @@ def test_a_map_with_a_launch_point_puts_local_zero_there(yard):
     place = place_vehicle(yard, None)
     np.testing.assert_allclose(place.to_map((0.0, 0.0, 0.0)), [10.0, 10.0, 0.0])
     np.testing.assert_allclose(place.to_map((3.0, 5.0, -7.0)), [15.0, 13.0, 7.0])
-    assert place.home == PX4_SITL_HOME
+    assert place.home == PX4.home
 
 
 def test_a_map_on_earth_has_the_vehicle_at_px4s_home_on_its_ground(block):
@@ -76,12 +77,12 @@ def test_what_global_position_int_says_is_where_the_referee_sees_the_vehicle(blo
     place = place_vehicle(block, None)
     bench = Bench(Settings(place))
     bench.run(2.0)
-    bench.vehicle.px4.body.position_m = (30.0, -20.0, -10.0)
+    bench.vehicle.autopilot.body.position_m = (30.0, -20.0, -10.0)
     bench.run(0.02)
     message = bench.last("GLOBAL_POSITION_INT")
     point = GeoPoint(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)
     assert block.origin is not None
-    seen = place.to_map(bench.vehicle.px4.body.position_m)
+    seen = place.to_map(bench.vehicle.autopilot.body.position_m)
     np.testing.assert_allclose(geodetic_to_enu(block.origin, point), seen, atol=0.02)
 
 
@@ -97,7 +98,7 @@ def test_a_home_outside_the_map_or_in_an_obstacle_is_refused(block, home):
 
 @pytest.mark.parametrize("latitude", [47.4, -35.4, 0.0, 70.0])
 def test_projection_round_trip(latitude):
-    projection = Projection(GeoPoint(latitude, 8.5, 0.0))
+    projection = SphericalProjection(GeoPoint(latitude, 8.5, 0.0))
     for north, east in [(0.0, 0.0), (100.0, -250.0), (-1e3, 1e3)]:
         back = projection.to_local(*projection.to_geodetic(north, east))
         assert back == pytest.approx((north, east), abs=1e-3)
@@ -293,7 +294,7 @@ def test_takeoff_takes_as_long_as_recorded():
     bench.command(176, 1.0, 6.0)
     bench.command(400, 1.0)
     armed_s = bench.time_s
-    assert bench.run(20.0, stream=up, until=lambda: bench.vehicle.px4.body.position_m[2] < -9.5)
+    assert bench.run(20.0, stream=up, until=lambda: bench.vehicle.autopilot.body.position_m[2] < -9.5)
     assert bench.time_s - armed_s == pytest.approx(8.1, abs=1.0)  # PX4 SIH: 8.1 s
 
 
@@ -301,6 +302,6 @@ def test_landing_from_ten_metres_takes_as_long_as_recorded():
     bench = airborne(Settings(place_vehicle(None, None)), down=-10.0)
     bench.command(21)
     start_s = bench.time_s
-    assert bench.run(60.0, until=lambda: not bench.vehicle.px4.armed)
+    assert bench.run(60.0, until=lambda: not bench.vehicle.autopilot.armed)
     assert bench.time_s - start_s == pytest.approx(19.0, abs=2.5)  # PX4 SIH: about 19 s
-    assert math.hypot(*bench.vehicle.px4.body.position_m) < 0.5
+    assert math.hypot(*bench.vehicle.autopilot.body.position_m) < 0.5

@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.mock.bench import Bench
-from sim.mock.parameters import PX4_DEFAULTS, Parameters
+from sim.mock.px4.parameters import PX4_DEFAULTS, Px4Parameters
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 PROTOCOL = 0x0300
@@ -79,7 +79,7 @@ def test_unknown_modes_are_temporarily_rejected(params, text):
 def test_set_mode_message_is_obeyed_and_answered_as_command_176():
     bench = booted()
     assert bench.ask(mavlink.MAVLink_set_mode_message(1, 1, 0x00060000), 176) == ACCEPTED
-    assert bench.vehicle.px4.mode.name == "OFFBOARD"
+    assert bench.vehicle.autopilot.mode.name == "OFFBOARD"
 
 
 def test_reboot_is_denied_as_on_sitl():
@@ -292,7 +292,7 @@ def test_floats_travel_as_floats():
 def test_bit_patterns_of_signalling_nans_survive():
     bench = booted()
     raw = struct.pack("<i", -5_000_000)
-    assert bench.vehicle.px4.parameters.store("COM_FLTMODE1", 6, raw)
+    assert bench.vehicle.autopilot.parameters.store("COM_FLTMODE1", 6, raw)
     assert raw_bytes(ask_param(bench, "COM_FLTMODE1")) == raw
 
 
@@ -315,18 +315,18 @@ def test_param_set_works_and_is_obeyed():
     bench = booted()
     bench.send(mavlink.MAVLink_param_set_message(1, 1, b"COM_OF_LOSS_T", 3.0, 9))
     assert bench.last("PARAM_VALUE").param_value == 3.0
-    assert bench.vehicle.px4.parameters.number("COM_OF_LOSS_T") == 3.0
+    assert bench.vehicle.autopilot.parameters.number("COM_OF_LOSS_T") == 3.0
 
 
 @pytest.mark.parametrize("wire_type", [6, 1])
 def test_param_set_with_the_wrong_type_changes_nothing(wire_type):
     bench = booted()
     bench.send(mavlink.MAVLink_param_set_message(1, 1, b"COM_OF_LOSS_T", 3.0, wire_type))
-    assert bench.vehicle.px4.parameters.number("COM_OF_LOSS_T") == 1.0
+    assert bench.vehicle.autopilot.parameters.number("COM_OF_LOSS_T") == 1.0
 
 
 def test_hash_changes_with_any_value():
-    table = Parameters()
+    table = Px4Parameters()
     before = table.wire_bytes("_HASH_CHECK")
     table.override("COM_OF_LOSS_T", 2.0)
     assert table.wire_bytes("_HASH_CHECK") != before
@@ -419,7 +419,7 @@ def test_messages_for_every_component_are_obeyed_and_passed_on():
     bench = booted(ground_links=(False, True))
     bench.send(bench.setpoint(type_mask=0xDC7, target=(1, 0))(), link=0)
     assert len(bench.all("SET_POSITION_TARGET_LOCAL_NED", link=1)) == 1
-    assert bench.vehicle.px4.setpoints_received == 1
+    assert bench.vehicle.autopilot.setpoints_received == 1
 
 
 @pytest.mark.parametrize(

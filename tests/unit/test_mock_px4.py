@@ -147,8 +147,8 @@ def test_p18_disarms_ten_seconds_after_arming_without_take_off():
     bench.command(ARM, 1.0)
     armed_s = bench.time_s
     bench.run(9.0, stream=still)
-    assert bench.vehicle.px4.armed
-    bench.run(3.0, stream=still, until=lambda: not bench.vehicle.px4.armed)
+    assert bench.vehicle.autopilot.armed
+    bench.run(3.0, stream=still, until=lambda: not bench.vehicle.autopilot.armed)
     assert bench.time_s - armed_s == pytest.approx(10.0, abs=0.5)
     assert altitude_m(bench) == pytest.approx(0.0, abs=0.05)
 
@@ -244,7 +244,7 @@ def test_only_ground_stations_are_told_why_a_mode_is_refused():
 def lost_at(bench):
     """Stop the stream and return how long it takes to leave OFFBOARD."""
     lost_s = bench.time_s
-    assert bench.run(3.0, until=lambda: bench.vehicle.px4.mode.name != "OFFBOARD")
+    assert bench.run(3.0, until=lambda: bench.vehicle.autopilot.mode.name != "OFFBOARD")
     return bench.time_s - lost_s
 
 
@@ -267,7 +267,7 @@ def test_p4_setpoint_loss_with_a_pilot_gives_position_mode():
 @pytest.mark.parametrize(("value", "custom"), [(3, 0x05040000), (4, 0x06040000), (5, 0x03040000)])
 def test_p4_com_obl_rc_act_chooses_the_action(value, custom):
     bench = flying()
-    bench.vehicle.px4.parameters.override("COM_OBL_RC_ACT", value)
+    bench.vehicle.autopilot.parameters.override("COM_OBL_RC_ACT", value)
     lost_at(bench)
     bench.run(1.1)
     assert mode(bench) == custom
@@ -281,7 +281,7 @@ def test_p2_slow_streams_below_one_second_hold_offboard(period_s):
     for _ in range(12):
         bench.send(stream())
         bench.run(period_s)
-        modes.add(bench.vehicle.px4.mode.name)
+        modes.add(bench.vehicle.autopilot.mode.name)
     assert modes == {"OFFBOARD"}
 
 
@@ -292,9 +292,9 @@ def test_p2_a_stream_slower_than_the_timeout_flaps():
     for _ in range(4):
         bench.send(stream())
         bench.run(0.2)
-        modes.append(bench.vehicle.px4.mode.name)
+        modes.append(bench.vehicle.autopilot.mode.name)
         bench.run(1.3)
-        modes.append(bench.vehicle.px4.mode.name)
+        modes.append(bench.vehicle.autopilot.mode.name)
     assert modes == ["OFFBOARD", "RTL"] * 4
 
 
@@ -343,7 +343,7 @@ def test_p7_other_frames_are_dropped_with_a_text_and_do_not_count_as_stream(fram
     bench.send(gcs_heartbeat())
     stream = bench.setpoint(velocity=(1.0, 0.0, 0.0), type_mask=0xDC7, frame=frame)
     bench.run(1.9, stream=stream)
-    assert bench.vehicle.px4.mode.name == "RTL"
+    assert bench.vehicle.autopilot.mode.name == "RTL"
     text = f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported"
     assert bench.texts().count(text) > 10
 
@@ -362,7 +362,7 @@ def test_p8_all_axes_masked_is_invalid_and_does_not_count_as_stream():
     bench = flying()
     bench.send(gcs_heartbeat())
     bench.run(2.0, stream=bench.setpoint(type_mask=0xFFF))
-    assert bench.vehicle.px4.mode.name == "RTL"
+    assert bench.vehicle.autopilot.mode.name == "RTL"
     assert "SET_POSITION_TARGET_LOCAL_NED invalid" in bench.texts()
 
 
@@ -376,14 +376,14 @@ def test_p8_an_uncontrolled_axis_counts_as_stream_but_does_not_move(velocity, ty
     before = bench.last("LOCAL_POSITION_NED")
     bench.run(4.0, stream=bench.setpoint(velocity=velocity, type_mask=type_mask))
     after = bench.last("LOCAL_POSITION_NED")
-    assert bench.vehicle.px4.mode.name == "OFFBOARD"
+    assert bench.vehicle.autopilot.mode.name == "OFFBOARD"
     assert math.dist((before.x, before.y), (after.x, after.y)) < 0.2
 
 
 def test_p8_force_is_refused():
     bench = flying()
     bench.run(2.0, stream=bench.setpoint(velocity=(1.0, 0.0, 0.0), type_mask=0xC07 | 0x200))
-    assert bench.vehicle.px4.mode.name == "RTL"
+    assert bench.vehicle.autopilot.mode.name == "RTL"
 
 
 def test_p9_position_leads_and_velocity_is_its_feed_forward():
@@ -397,14 +397,14 @@ def test_p9_position_leads_and_velocity_is_its_feed_forward():
 def test_p10_setpoints_for_others_are_ignored(target):
     bench = flying()
     bench.run(2.0, stream=bench.setpoint(velocity=(1.0, 0.0, 0.0), type_mask=0xDC7, target=target))
-    assert bench.vehicle.px4.mode.name == "RTL"
+    assert bench.vehicle.autopilot.mode.name == "RTL"
 
 
 @pytest.mark.parametrize("target", [(0, 0), (1, 0), (0, 1)])
 def test_p10_zero_means_everybody(target):
     bench = flying()
     bench.run(2.0, stream=bench.setpoint(velocity=(1.0, 0.0, 0.0), type_mask=0xDC7, target=target))
-    assert bench.vehicle.px4.mode.name == "OFFBOARD"
+    assert bench.vehicle.autopilot.mode.name == "OFFBOARD"
 
 
 def test_silly_velocities_are_limited_to_mpc_xy_vel_max():
@@ -446,11 +446,11 @@ def test_p12_fast_sticks_take_over_and_stay(duration_s):
     bench.send(bench.velocity(0.0, 0.0, 0.0)())
     bench.command(SET_MODE, *OFFBOARD)
     stick_sweep(bench, duration_s)
-    assert bench.vehicle.px4.mode.name == "POSCTL"
+    assert bench.vehicle.autopilot.mode.name == "POSCTL"
     for _ in range(40):
         bench.send(sticks()())
         bench.run(0.05, stream=bench.velocity(1.0, 0.0, 0.0))
-    assert bench.vehicle.px4.mode.name == "POSCTL"
+    assert bench.vehicle.autopilot.mode.name == "POSCTL"
     assert bench.command(SET_MODE, *OFFBOARD) == ACCEPTED
 
 
@@ -461,14 +461,14 @@ def test_p12_slow_sticks_and_a_single_jump_do_not_take_over(duration_s):
     bench.send(bench.velocity(0.0, 0.0, 0.0)())
     bench.command(SET_MODE, *OFFBOARD)
     stick_sweep(bench, duration_s)
-    assert bench.vehicle.px4.mode.name == "OFFBOARD"
+    assert bench.vehicle.autopilot.mode.name == "OFFBOARD"
 
 
 def test_p13_losing_the_pilot_holds_five_seconds_and_returns_despite_the_stream():
     settings = Settings(place_vehicle(None, None), radio=True)
     bench = flying(settings=settings, faults=["from=offboard,t=20,kind=rc_loss"])
     stream = bench.velocity(0.5, 0.0, 0.0)
-    px4 = bench.vehicle.px4
+    px4 = bench.vehicle.autopilot
     assert bench.run(30.0, stream=stream, until=lambda: px4.mode.name == "LOITER")
     lost_s = bench.time_s
     bench.run(1.1, stream=stream)
@@ -480,16 +480,16 @@ def test_p13_losing_the_pilot_holds_five_seconds_and_returns_despite_the_stream(
 def test_p13_a_pilot_who_never_was_is_not_missed():
     bench = flying()
     bench.run(5.0, stream=bench.velocity(0.5, 0.0, 0.0))
-    assert bench.vehicle.px4.failsafe.cause is None
+    assert bench.vehicle.autopilot.failsafe.cause is None
 
 
 def test_p13_com_rcl_except_keeps_offboard_without_the_pilot():
     settings = Settings(place_vehicle(None, None), radio=True)
     bench = flying(settings=settings)
-    bench.vehicle.px4.parameters.override("COM_RCL_EXCEPT", 4)
-    bench.vehicle.px4.pilot.radio = False
+    bench.vehicle.autopilot.parameters.override("COM_RCL_EXCEPT", 4)
+    bench.vehicle.autopilot.pilot.radio = False
     bench.run(8.0, stream=bench.velocity(0.5, 0.0, 0.0))
-    assert bench.vehicle.px4.mode.name == "OFFBOARD"
+    assert bench.vehicle.autopilot.mode.name == "OFFBOARD"
 
 
 def test_p14_a_silent_companion_is_only_mentioned():
@@ -502,7 +502,7 @@ def test_p14_a_silent_companion_is_only_mentioned():
     assert bench.texts() == []
     bench.run(1.0, stream=hover)
     assert bench.texts() == ["Connection to mission computer lost"]
-    assert bench.vehicle.px4.mode.name == "OFFBOARD"
+    assert bench.vehicle.autopilot.mode.name == "OFFBOARD"
 
 
 # -- going somewhere and coming down -------------------------------------------------------
@@ -541,9 +541,9 @@ def test_p18_land_disarms_two_seconds_after_landing_and_returns_to_the_last_want
     assert bench.command(LAND) == ACCEPTED
     bench.run(1.0)
     assert bench.last("EXTENDED_SYS_STATE").landed_state == 4
-    assert bench.run(60.0, until=lambda: bench.vehicle.px4.landed)
+    assert bench.run(60.0, until=lambda: bench.vehicle.autopilot.landed)
     landed_s = bench.time_s
-    assert bench.run(5.0, until=lambda: not bench.vehicle.px4.armed)
+    assert bench.run(5.0, until=lambda: not bench.vehicle.autopilot.armed)
     assert bench.time_s - landed_s == pytest.approx(2.0, abs=0.1)
     bench.run(1.1)
     assert state(bench) == (0x11, 0x00060000, 0)  # OFFBOARD again, and not ready for lack of it
@@ -551,7 +551,7 @@ def test_p18_land_disarms_two_seconds_after_landing_and_returns_to_the_last_want
 
 def test_land_is_allowed_whatever_happens():
     bench = flying()
-    bench.vehicle.px4.estimator.gps_lost_at_s = -100.0
+    bench.vehicle.autopilot.estimator.gps_lost_at_s = -100.0
     assert bench.command(LAND) == ACCEPTED
 
 
@@ -560,7 +560,7 @@ def test_return_climbs_to_thirty_metres_first_and_lands_at_home():
     bench.run(15.0, stream=bench.velocity(2.0, 0.0, 0.0))
     assert bench.command(RTL) == ACCEPTED
     highest = 0.0
-    while bench.vehicle.px4.armed and bench.time_s < 200.0:
+    while bench.vehicle.autopilot.armed and bench.time_s < 200.0:
         bench.run(1.0)
         highest = max(highest, altitude_m(bench))
     assert highest == pytest.approx(30.0, abs=0.8)

@@ -9,7 +9,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.mock.px4 import Px4
+from sim.mock.px4.commander import Px4
 from sim.mock.telemetry import boot_us
 
 ESC_INFO_ID, ESC_STATUS_ID, CURRENT_MODE_ID = 290, 291, 436

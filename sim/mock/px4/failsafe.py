@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from sim.mock.dynamics import Vector
-from sim.mock.modes import Mode
 from sim.mock.parameters import Parameters
+from sim.mock.px4.modes import Mode
 
 _NAV_RCL_ACT = {1: Mode.LOITER, 2: Mode.RTL, 3: Mode.LAND}
 _COM_OBL_RC_ACT = {

@@ -9,10 +9,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sim.mock import telemetry as common
 from sim.mock.dynamics import GRAVITY_MPS2
 from sim.mock.estimator import subtract
-from sim.mock.px4 import Px4
-from sim.mock.telemetry import NAN, boot_ms, boot_us, degrees_e7, quaternion
+from sim.mock.px4.commander import Px4
+from sim.mock.px4.telemetry import quaternion
+from sim.mock.telemetry import NAN, boot_ms, boot_us, geodetic_e7, heading_cdeg, stick_pulses
 
 PREARM_CHECK = 0x10000000
 GPS_SENSOR = 0x20
@@ -51,17 +53,17 @@ def gps_raw(px4: Px4) -> Any:
     lost = px4.estimator.gps_lost_at_s is not None
     point = px4.estimator.gps(px4.body.position_m)
     vn, ve, _ = px4.body.velocity_mps
-    altitude_mm = round(point.altitude_m * 1e3)
+    latitude_e7, longitude_e7, altitude_mm = geodetic_e7(point)
     return mavlink.MAVLink_gps_raw_int_message(
         boot_us(px4),
         0 if lost else 3,
-        degrees_e7(point.latitude_deg),
-        degrees_e7(point.longitude_deg),
+        latitude_e7,
+        longitude_e7,
         altitude_mm,
         70,
         110,
         round(math.hypot(vn, ve) * 100.0),
-        round(math.degrees(math.atan2(ve, vn)) % 360.0 * 100.0) % 36000,
+        heading_cdeg(math.atan2(ve, vn)),
         0 if lost else 10,
         altitude_mm,
         900,
@@ -82,28 +84,9 @@ def battery_status(px4: Px4) -> Any:
     )
 
 
-def system_time(px4: Px4) -> Any:
-    """SYSTEM_TIME; the calendar is that of the recorded flights, so that runs repeat."""
-    return mavlink.MAVLink_system_time_message(1_795_325_562_000_000 + boot_us(px4), boot_ms(px4))
-
-
-def timesync(px4: Px4) -> Any:
-    """TIMESYNC as a question; ``channel`` answers those of others."""
-    return mavlink.MAVLink_timesync_message(0, round(px4.now_s * 1e9))
-
-
 def vfr_hud(px4: Px4) -> Any:
     """VFR_HUD."""
-    vn, ve, vd = px4.body.velocity_mps
-    point = px4.estimator.geodetic(px4.body.position_m)
-    return mavlink.MAVLink_vfr_hud_message(
-        NAN,
-        math.hypot(vn, ve),
-        round(math.degrees(px4.body.yaw_rad)) % 360,
-        0 if px4.landed else 50,
-        point.altitude_m,
-        -vd,
-    )
+    return common.vfr_hud(px4, NAN, 0 if px4.landed else 50)
 
 
 def altitude(px4: Px4) -> Any:
@@ -168,11 +151,8 @@ def rc_channels(px4: Px4) -> Any:
     """RC_CHANNELS, only with a pilot."""
     if not px4.pilot_present():
         return None
-    sticks = px4.pilot.sticks
-    axes = (sticks.right, sticks.forward, sticks.up, sticks.turn)
-    pulses = tuple(round(1500 + 500 * axis) for axis in axes)
     return mavlink.MAVLink_rc_channels_message(
-        boot_ms(px4), 8, *pulses, *(1500,) * 4, *(65535,) * 10, 100
+        boot_ms(px4), 8, *stick_pulses(px4.pilot.sticks), *(1500,) * 4, *(65535,) * 10, 100
     )
 
 

@@ -4,79 +4,76 @@ Rule numbers (P2, P3, ...) are those of the protocol notes this personality was 
 every one is a named test in ``tests/unit/test_mock_px4.py``.
 """
 
-import math
-
-import numpy as np
+from types import MappingProxyType
 
 from companion.world.frames import GeoPoint
-from sim.mock.dynamics import ZERO, PointMass, Vector, Wind
-from sim.mock.estimator import Estimator, add, subtract
-from sim.mock.failsafe import Cause, Failsafe, Situation, fence_breached
-from sim.mock.flight import Flight
-from sim.mock.ground import Ground
-from sim.mock.health import Battery, Companion
-from sim.mock.modes import Mode
-from sim.mock.parameters import Parameters
-from sim.mock.pilot import Pilot
+from sim.mock.autopilot import (
+    ACTIVE,
+    CRITICAL,
+    FAILSAFE,
+    IN_AIR,
+    INFO,
+    LANDING,
+    ON_GROUND,
+    STANDBY,
+    TAKING_OFF,
+    UNINIT,
+    WARNING,
+    Autopilot,
+    PowerUp,
+)
+from sim.mock.dynamics import Vector
+from sim.mock.estimator import subtract
+from sim.mock.geodesy import SphericalProjection
+from sim.mock.px4.estimator import Px4Estimator
+from sim.mock.px4.failsafe import Cause, Failsafe, Situation, fence_breached
+from sim.mock.px4.flight import Flight
+from sim.mock.px4.ground import Ground
+from sim.mock.px4.health import Companion
+from sim.mock.px4.modes import Mode
+from sim.mock.px4.parameters import Px4Parameters
 from sim.mock.setpoints import Setpoint
-
-EMERGENCY, CRITICAL, WARNING, INFO = 0, 2, 4, 6
-"""MAV_SEVERITY of the texts."""
-
-UNINIT, STANDBY, ACTIVE, FAILSAFE = 0, 3, 4, 5
-"""MAV_STATE of HEARTBEAT."""
-
-ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
-"""MAV_LANDED_STATE of EXTENDED_SYS_STATE."""
 
 UNHEALTHY = "Arming denied: Resolve system health failures first"
 
 
-class Px4:
-    """The vehicle behind the messages; ``step`` it with the time since power-up."""
+class Px4(Autopilot):
+    """A PX4 1.18 multicopter."""
 
-    def __init__(
-        self,
-        *,
-        place: GeoPoint,
-        boot_s: float,
-        radio: bool,
-        body: PointMass,
-        wind: Wind,
-        noise_m: float,
-        rng: np.random.Generator,
-    ) -> None:
-        self.now_s = 0.0
-        self._noise_m = noise_m
-        self._rng = rng
-        self.body = body
-        self.wind = wind
-        self.parameters = Parameters()
-        self.estimator = Estimator(place, boot_s)
-        self.pilot = Pilot(radio=radio)
+    estimator: Px4Estimator
+    modes = MappingProxyType({mode.name.lower(): mode for mode in Mode})
+    takeover_mode = "posctl"
+    hold_mode = "loiter"
+
+    def __init__(self, start: PowerUp) -> None:
+        projection = SphericalProjection(start.place)
+        super().__init__(start, Px4Parameters(), Px4Estimator(projection, start.boot_s))
         self.companion = Companion()
-        self.battery = Battery()
         self.failsafe = Failsafe()
-        self.flight = Flight(body, self.estimator, self.parameters)
-        self.armed = False
+        self.flight = Flight(self.body, self.estimator, self.parameters)
         self.ground = Ground()
         self.intention = Mode.LOITER
-        self.mode = Mode.LOITER
-        self.home_true_m: Vector | None = None
-        self.home_count = 0
-        """Rises whenever HOME_POSITION changes."""
+        self._mode = Mode.LOITER
         self.setpoint: Setpoint | None = None
-        self.setpoint_time_s = -math.inf
         self.offboard_seen = False
-        self.setpoints_received = 0
-        self.setpoints_outside_offboard = 0
-        self.setpoints_refused = 0
-        self.deaf = False
-        """A fault: setpoints no longer reach the autopilot."""
         self._after_disarm = Mode.LOITER
-        self._texts: list[tuple[int, str]] = []
 
     # -- what it shows ---------------------------------------------------------------------
+
+    @property
+    def mode(self) -> Mode:
+        """The mode that flies: the intention, or a failsafe's."""
+        return self._mode
+
+    @property
+    def steered(self) -> bool:
+        """Whether it flies in OFFBOARD."""
+        return self.armed and self.mode is Mode.OFFBOARD
+
+    @property
+    def failsafe_words(self) -> str | None:
+        """The cause of the failsafe in force."""
+        return self.failsafe.cause.value if self.failsafe.cause else None
 
     @property
     def landed(self) -> bool:
@@ -114,26 +111,6 @@ class Px4:
     def pilot_present(self) -> bool:
         """Whether manual control is there."""
         return self.pilot.present(self.now_s, self.parameters.number("COM_RC_LOSS_T"))
-
-    def noisy_true_m(self) -> Vector:
-        """Return the true position plus white noise, as sensors see it."""
-        if self._noise_m <= 0.0:
-            return self.body.position_m
-        n, e, d = (self._noise_m * float(value) for value in self._rng.standard_normal(3))
-        return add(self.body.position_m, (n, e, d))
-
-    def local_position_m(self) -> Vector:
-        """Return what LOCAL_POSITION_NED says."""
-        return self.estimator.to_local(self.noisy_true_m())
-
-    def say(self, severity: int, text: str) -> None:
-        """Queue a text for the ground stations."""
-        self._texts.append((severity, text))
-
-    def take_texts(self) -> list[tuple[int, str]]:
-        """Return the texts since the last call, oldest first."""
-        texts, self._texts = self._texts, []
-        return texts
 
     # -- what others ask -------------------------------------------------------------------
 
@@ -216,22 +193,26 @@ class Px4:
         self.offboard_seen = True
         self.setpoint = setpoint
 
-    def mislead(self, step_m: Vector) -> None:
-        """Shift the estimate without a reset: the vehicle follows its belief the other way."""
-        if step_m != ZERO:
-            self.estimator.error_m = add(self.estimator.error_m, step_m)
-            self.flight.hold_true_m = subtract(self.flight.hold_true_m, step_m)
-            self._keep_home(step_m)
+    def choose_mode(self, name: str, *, by_pilot: bool) -> None:
+        """Let the pilot's switch or a ground station choose a mode by its name."""
+        self.pilot.radio |= by_pilot
+        self.request_mode(Mode[name.upper()], explain=not by_pilot)
 
-    def reset_estimate(self, step_m: Vector) -> None:
-        """Shift the estimate with a reset (P20): PX4 moves what it holds on to along."""
-        self.estimator.reset(step_m)
-        self._keep_home(step_m)
+    def lose_radio(self, *, lost: bool) -> None:
+        """Let the transmitter fall silent, or return."""
+        self.pilot.radio = not lost
+
+    def fence_in(self, radius_m: float) -> None:
+        """Set GF_MAX_HOR_DIST."""
+        self.parameters.override("GF_MAX_HOR_DIST", radius_m)
+
+    def _shift_held_points(self, step_m: Vector) -> None:
+        self.flight.hold_true_m = subtract(self.flight.hold_true_m, step_m)
 
     def _keep_home(self, step_m: Vector) -> None:
-        """Leave home at its latitude and longitude: it now means another true place."""
+        super()._keep_home(step_m)
         if self.home_true_m is not None:
-            self.home_true_m = self.flight.home_true_m = subtract(self.home_true_m, step_m)
+            self.flight.home_true_m = self.home_true_m
 
     # -- how it goes on --------------------------------------------------------------------
 
@@ -284,7 +265,7 @@ class Px4:
     def _apply_mode(self) -> None:
         mode = self.failsafe.mode or self.intention
         if mode is not self.mode:
-            self.mode = mode
+            self._mode = mode
             self.setpoint = None
             self.flight.enter(mode, self.home_true_m)
 
@@ -332,7 +313,3 @@ class Px4:
         key = "COM_DISARM_LAND" if self.ground.flown else "COM_DISARM_PRFLT"
         if self.landed and 0.0 < self.parameters.number(key) <= self.ground.standing_s(self.now_s):
             self.disarm("landing" if self.ground.flown else "auto preflight disarming")
-
-    def _set_home(self) -> None:
-        self.home_true_m = self.body.position_m
-        self.home_count += 1

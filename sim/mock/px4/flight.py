@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 from sim.mock.dynamics import ZERO, PointMass, Vector, wrap_pi
 from sim.mock.estimator import Estimator, subtract
-from sim.mock.modes import Mode
 from sim.mock.parameters import Parameters
 from sim.mock.pilot import Sticks
+from sim.mock.px4.modes import Mode
 from sim.mock.setpoints import Setpoint
 
 APPROACH_MPS2 = 1.5

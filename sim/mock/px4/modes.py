@@ -40,6 +40,11 @@ class Mode(Enum):
         return self.main << 16 | self.sub << 24
 
     @property
+    def is_external(self) -> bool:
+        """Whether the vehicle obeys setpoints in it."""
+        return self is Mode.OFFBOARD
+
+    @property
     def needs_pilot(self) -> bool:
         """Whether somebody has to hold the sticks."""
         return self.main in (1, 2, 3, 7)

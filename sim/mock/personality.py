@@ -1,0 +1,36 @@
+"""What a personality is: an autopilot with its links, its place and its manners."""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from companion.world.frames import GeoPoint
+from sim.mock.autopilot import Autopilot, PowerUp
+from sim.mock.channel import Channel
+from sim.mock.dynamics import Response
+from sim.mock.geodesy import Projection
+from sim.mock.incoming import Handler
+
+
+@dataclass(frozen=True, slots=True)
+class Personality:
+    """One kind of autopilot."""
+
+    name: str
+    """The word for it on the command line."""
+    kind: type[Autopilot]
+    build: Callable[[PowerUp], Autopilot]
+    """Switches one on."""
+    open_channel: Callable[[bool], Channel]
+    """Opens a link; the argument says whether it has ground-station rates."""
+    handlers: Mapping[str, Handler]
+    """What it does with messages, by their names."""
+    is_for_us: Callable[[Any, Collection[tuple[int, int]]], bool]
+    """Whether a message is for this autopilot, given who was heard on other links."""
+    projection: Callable[[GeoPoint], Projection]
+    home: GeoPoint
+    """Where its simulator boots."""
+    response: Response
+    """How its simulator answers velocity demands."""
+    silent_faults: Collection[str] = ()
+    """Kinds of faults that cannot befall it."""

@@ -1,0 +1,129 @@
+"""What PX4 does with messages addressed to it."""
+
+from collections.abc import Collection
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.world.frames import GeoPoint
+from sim.mock.channel import COMPONENT_ID, SYSTEM_ID, Channel
+from sim.mock.commands import CommandId, Result, read_command, whole
+from sim.mock.dynamics import Vector
+from sim.mock.incoming import SHARED_HANDLERS, Handler, acknowledge
+from sim.mock.pilot import Sticks
+from sim.mock.px4.commander import Px4
+from sim.mock.px4.commands import run_command, set_mode
+from sim.mock.px4.setpoints import read_setpoint
+from sim.mock.setpoints import MAV_FRAME_LOCAL_NED
+
+_AMSL_FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
+_RELATIVE_FRAMES = (
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+)
+
+
+def is_for_us(message: Any, elsewhere: Collection[tuple[int, int]]) -> bool:
+    """Return whether the target ids of ``message`` name this autopilot, or nobody (P10)."""
+    system = getattr(message, "target_system", 0)
+    component = getattr(message, "target_component", 0)
+    return system in (0, SYSTEM_ID) and component in (0, COMPONENT_ID)
+
+
+def _heartbeat(px4: Px4, channel: Channel, message: Any) -> None:
+    if message.type == mavlink.MAV_TYPE_GCS:
+        channel.hear_gcs(px4.now_s)
+    elif (
+        message.type == mavlink.MAV_TYPE_ONBOARD_CONTROLLER and message.get_srcSystem() == SYSTEM_ID
+    ):
+        px4.companion.hear(px4.now_s)
+
+
+def _command(px4: Px4, channel: Channel, message: Any) -> None:
+    if message.target_system != SYSTEM_ID:
+        return  # commands to everybody are not ours to answer
+    command = read_command(message)
+    number = command.command
+    if number == CommandId.SET_MESSAGE_INTERVAL:
+        known = channel.set_interval(whole(command.params[0]), command.params[1], px4.now_s)
+        result = Result.ACCEPTED if known else Result.FAILED
+    elif number == CommandId.REQUEST_MESSAGE:
+        result = _send_once(px4, channel, whole(command.params[0]))
+    else:
+        result = run_command(px4, command)
+    acknowledge(channel, message, number, result)
+
+
+def _send_once(px4: Px4, channel: Channel, message_id: int) -> Result:
+    build = channel.builders.get(message_id)
+    if build is None:
+        return Result.UNSUPPORTED
+    message = build(px4)
+    if message is None:
+        return Result.TEMPORARILY_REJECTED
+    channel.send(message)
+    return Result.ACCEPTED
+
+
+def _set_mode(px4: Px4, channel: Channel, message: Any) -> None:
+    main, sub = message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24 & 0xFF
+    result = set_mode(px4, message.base_mode, main, sub, message.get_srcComponent())
+    acknowledge(channel, message, CommandId.DO_SET_MODE, result)
+
+
+def _local_setpoint(px4: Px4, channel: Channel, message: Any) -> None:
+    position_m = (message.x, message.y, message.z)
+    name = "SET_POSITION_TARGET_LOCAL_NED"
+    _take(px4, message, name, position_m, message.coordinate_frame)
+
+
+def _take(px4: Px4, message: Any, name: str, position_m: Vector, frame: int) -> None:
+    setpoint = read_setpoint(
+        name,
+        frame=frame,
+        type_mask=message.type_mask,
+        position_m=position_m,
+        velocity_mps=(message.vx, message.vy, message.vz),
+        acceleration_mps2=(message.afx, message.afy, message.afz),
+        yaw_rad=message.yaw,
+        yaw_rate_radps=message.yaw_rate,
+        heading_rad=px4.body.yaw_rad,
+    )
+    if isinstance(setpoint, str):
+        px4.refuse_setpoint(setpoint)
+    else:
+        px4.receive_setpoint(setpoint)
+
+
+def _global_setpoint(px4: Px4, channel: Channel, message: Any) -> None:
+    """SET_POSITION_TARGET_GLOBAL_INT: the same setpoint with its position on earth."""
+    name = "SET_POSITION_TARGET_GLOBAL_INT"
+    if message.coordinate_frame not in (*_AMSL_FRAMES, *_RELATIVE_FRAMES):
+        px4.refuse_setpoint(f"{name} invalid coordinate frame {message.coordinate_frame}")
+        return
+    altitude_m = message.alt
+    if message.coordinate_frame in _RELATIVE_FRAMES and px4.home_true_m is not None:
+        altitude_m += px4.estimator.geodetic(px4.home_true_m).altitude_m
+    point = GeoPoint(message.lat_int / 1e7, message.lon_int / 1e7, altitude_m)
+    position_m = px4.estimator.to_local(px4.estimator.from_geodetic(point))
+    _take(px4, message, name, position_m, MAV_FRAME_LOCAL_NED)
+
+
+def _manual_control(px4: Px4, channel: Channel, message: Any) -> None:
+    if message.target != SYSTEM_ID:
+        return
+    axes = (message.x / 1e3, message.y / 1e3, message.z / 500.0 - 1.0, message.r / 1e3)
+    if all(-1.0 <= axis <= 1.0 for axis in axes):  # PX4 too ignores what no stick can say
+        px4.pilot.move(px4.now_s, Sticks(*axes))
+
+
+HANDLERS: dict[str, Handler] = {
+    **SHARED_HANDLERS,
+    "HEARTBEAT": _heartbeat,
+    "COMMAND_LONG": _command,
+    "COMMAND_INT": _command,
+    "SET_MODE": _set_mode,
+    "SET_POSITION_TARGET_LOCAL_NED": _local_setpoint,
+    "SET_POSITION_TARGET_GLOBAL_INT": _global_setpoint,
+    "MANUAL_CONTROL": _manual_control,
+}

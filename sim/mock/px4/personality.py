@@ -1,0 +1,21 @@
+"""PX4 as a personality of the mock."""
+
+from companion.world.frames import GeoPoint
+from sim.mock.dynamics import Response
+from sim.mock.geodesy import SphericalProjection
+from sim.mock.personality import Personality
+from sim.mock.px4.channel import Px4Channel
+from sim.mock.px4.commander import Px4
+from sim.mock.px4.incoming import HANDLERS, is_for_us
+
+PX4 = Personality(
+    name="px4",
+    kind=Px4,
+    build=Px4,
+    open_channel=lambda ground: Px4Channel(ground=ground),
+    handlers=HANDLERS,
+    is_for_us=is_for_us,
+    projection=SphericalProjection,
+    home=GeoPoint(47.397742, 8.545594, 489.4),
+    response=Response(),
+)
