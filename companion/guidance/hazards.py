@@ -16,6 +16,8 @@ from companion.arrays import BoolArray, FloatArray, IntArray
 from companion.world.decomposition import convex_pieces
 from companion.world.maps import Map
 
+_LEAST_SHARE = 0.5
+"""No body with a plane across every edge tells less of its distance than this."""
 _PARALLEL_M = 1e-12
 """A way that changes its distance to a plane by less runs along it."""
 
@@ -40,6 +42,9 @@ class Hazards:
     """``(B,)``."""
     kind: IntArray
     """``(B,)``, of ``Kind``."""
+    low_m: FloatArray
+    """West and south side of a box around each body, ``(2, B)``; ground and box have no sides."""
+    high_m: FloatArray
 
     @classmethod
     def of_map(cls, city: Map, *, margin_m: float, min_height_m: float) -> "Hazards":
@@ -50,11 +55,12 @@ class Hazards:
             margin_m: To be kept from obstacles, and from the sides and the top of the box.
             min_height_m: To be kept above the ground.
         """
-        bodies = [
-            _prism_planes(piece, float(height_m))
+        pieces = [
+            (piece, float(height_m))
             for footprint_m, height_m in zip(city.footprints_m, city.heights_m, strict=True)
             for piece in convex_pieces(footprint_m)
         ]
+        bodies = [_prism_planes(piece, height_m) for piece, height_m in pieces]
         num_pieces = len(bodies)
         axes = np.eye(3)
         bodies.append((axes[2:], np.zeros(1)))
@@ -71,7 +77,24 @@ class Hazards:
         keep[num_pieces] = min_height_m
         kind = np.full(len(bodies), Kind.FENCE, dtype=np.int64)
         kind[:num_pieces], kind[num_pieces] = Kind.OBSTACLE, Kind.GROUND
-        return cls(normal, offset, keep, kind)
+        low, high = np.full((2, len(bodies)), -np.inf), np.full((2, len(bodies)), np.inf)
+        for row, (piece, _) in enumerate(pieces):
+            low[:, row], high[:, row] = piece.min(axis=0), piece.max(axis=0)
+        return cls(normal, offset, keep, kind, low, high)
+
+    def within(self, position_enu_m: FloatArray, reach_m: float) -> "Hazards":
+        """Return the hazards within reach of a point, ``(3,)``, beyond what is to be kept.
+
+        Boxes around the bodies are looked at first: most of a large map is far away.
+        """
+        east_m, north_m = position_enu_m[:2]
+        beside_m = np.maximum(
+            np.maximum(self.low_m[0] - east_m, east_m - self.high_m[0]),
+            np.maximum(self.low_m[1] - north_m, north_m - self.high_m[1]),
+        )
+        around = self.take(_LEAST_SHARE * beside_m - self.keep_m < reach_m)
+        plane_m = around.plane_distance_m(position_enu_m).max(axis=1)
+        return around.take(plane_m - around.keep_m < reach_m)
 
     def plane_distance_m(self, position_enu_m: FloatArray) -> FloatArray:
         """Return the distance of one point ``(3,)`` to every plane, ``(B, F)``; -inf at padding."""
@@ -79,7 +102,14 @@ class Hazards:
 
     def take(self, rows: BoolArray) -> "Hazards":
         """Return some of the hazards."""
-        return Hazards(self.normal[rows], self.offset_m[rows], self.keep_m[rows], self.kind[rows])
+        return Hazards(
+            self.normal[rows],
+            self.offset_m[rows],
+            self.keep_m[rows],
+            self.kind[rows],
+            self.low_m[:, rows],
+            self.high_m[:, rows],
+        )
 
     def entered(
         self, start_enu_m: FloatArray, end_enu_m: FloatArray, grown_m: FloatArray

@@ -264,17 +264,14 @@ class Shield:
         self, proposal: FloatArray, position: FloatArray, velocity_now: FloatArray
     ) -> Scene | None:
         """Return what is within reach, ``None`` if nothing is."""
-        every = self._hazards
-        plane_m = every.plane_distance_m(position)
         squares = (float(proposal @ proposal), float(velocity_now @ velocity_now))
         fastest_mps = max(*np.sqrt(squares), self.limits.restore_max_mps)
         reach_m = fastest_mps * self._follow_s + self._braking.stopping_distance_m(fastest_mps)
-        near = plane_m.max(axis=1) - every.keep_m < reach_m
-        if not near.any():
+        near = self._hazards.within(position, reach_m)
+        if len(near.keep_m) == 0:
             return None
-        return Scene(
-            every.take(near), plane_m[near], position, velocity_now, self._braking, self._follow_s
-        )
+        plane_m = near.plane_distance_m(position)
+        return Scene(near, plane_m, position, velocity_now, self._braking, self._follow_s)
 
     def _out_mps(self, normal: FloatArray, lost_m: FloatArray) -> FloatArray:
         """Return the speed with which to leave each margin that is lost, ``(B,)``."""

@@ -19,6 +19,10 @@ from companion.world.pieces import ConvexPieces
 
 _CHUNK = 2**15
 """Numbers in a work array: with 256 KiB each, the few in use stay in the cache."""
+_FEW = 2**10
+"""Corners times points up to which it is quicker to look at all of them."""
+_ROUNDING_M = 1e-6
+"""By far more than bounds of distances may be wrong by."""
 
 
 class Obstacles:
@@ -41,10 +45,12 @@ class Obstacles:
             corner_m[: len(footprint), number] = footprint
         self._next_corner = np.roll(np.arange(num_corners), -1)
         edge_m = corner_m[self._next_corner] - corner_m
-        self._corner_m = np.moveaxis(corner_m, -1, 0)[..., None]  # (2, V, O, 1)
-        self._edge_m = np.moveaxis(edge_m, -1, 0)[..., None]  # (2, V, O, 1)
+        self._corner_m = np.ascontiguousarray(np.moveaxis(corner_m, -1, 0))  # (2, V, O)
+        self._edge_m = np.ascontiguousarray(np.moveaxis(edge_m, -1, 0))  # (2, V, O)
         square_m2 = self._edge_m[0] ** 2 + self._edge_m[1] ** 2
         self._inverse_square = 1.0 / np.where(square_m2 > 0.0, square_m2, np.inf)
+        self._low_m = self._corner_m.min(axis=1)[..., None]  # (2, O, 1)
+        self._high_m = self._corner_m.max(axis=1)[..., None]  # (2, O, 1)
 
     def __len__(self) -> int:
         return len(self._heights_m)
@@ -83,7 +89,7 @@ class Obstacles:
         flat_m = _flat(position_m)
         signed_m = np.full(flat_m.shape[1], np.inf)
         if len(self) > 0:
-            for part in _parts(len(signed_m), self._inverse_square.size):
+            for part in _parts(len(signed_m), len(self)):
                 signed_m[part] = self._signed_distance(flat_m[:, part])
         return signed_m.reshape(position_m.shape[:-1])
 
@@ -97,7 +103,7 @@ class Obstacles:
         flat_m = _flat(position_m)
         nearest_m = np.full_like(flat_m, np.inf)
         if len(self) > 0:
-            for part in _parts(flat_m.shape[1], self._inverse_square.size):
+            for part in _parts(flat_m.shape[1], len(self)):
                 nearest_m[:, part] = self._nearest(flat_m[:, part])
         return np.ascontiguousarray(nearest_m.T).reshape(position_m.shape)
 
@@ -148,40 +154,24 @@ class Obstacles:
             )
         return distance_m.reshape(shape), roof_m.reshape(shape)
 
-    def _beside_m(self, position_m: FloatArray) -> FloatArray:
-        """Return how far ``(3, N)`` points are from every outline, negative within, ``(O, N)``."""
-        from_x_m = position_m[0] - self._corner_m[0]
-        from_y_m = position_m[1] - self._corner_m[1]
-        edge_x_m, edge_y_m = self._edge_m
-        along = (from_x_m * edge_x_m + from_y_m * edge_y_m) * self._inverse_square
-        np.clip(along, 0.0, 1.0, out=along)
-        square_m2 = np.square(from_x_m - along * edge_x_m)
-        square_m2 += np.square(from_y_m - along * edge_y_m)
-        wall_m = np.sqrt(square_m2.min(axis=0))
-
-        # Within, a line from the point toward east crosses the outline an odd number of times.
-        north: BoolArray = from_y_m >= 0.0
-        crosses = north != north.take(self._next_corner, axis=0)
-        crosses &= (edge_x_m * from_y_m > edge_y_m * from_x_m) == (edge_y_m > 0.0)
-        within = np.logical_xor.reduce(crosses, axis=0)
-        beside_m: FloatArray = np.where(within, -wall_m, wall_m)
-        return beside_m
-
     def _signed_distance(self, position_m: FloatArray) -> FloatArray:
         """Return the least signed distance of ``(3, N)`` points, ``(N,)``."""
-        above_m = position_m[2] - self._heights_m
-        least_m: FloatArray = _signed(self._beside_m(position_m), above_m).min(axis=0)
-        return least_m
+        return self._candidates(position_m)[-1]
 
     def _nearest(self, position_m: FloatArray) -> FloatArray:
         """Return the nearest surface points of ``(3, N)`` points, ``(3, N)``."""
-        beside_m, above_m = self._beside_m(position_m), position_m[2] - self._heights_m
-        nearest: IntArray = _signed(beside_m, above_m).argmin(axis=0)
+        obstacle, point, signed_m, least_m = self._candidates(position_m)
+        # Of equally near obstacles the first; a nan has none, and any will do.
+        nearest = np.full(len(least_m), len(self))
+        first = signed_m == least_m[point]
+        np.minimum.at(nearest, point[first], obstacle[first])
+        nearest[nearest == len(self)] = 0
+
+        beside_m, above_m = self._beside_m(nearest, position_m), self._above_m(nearest, position_m)
         points = np.arange(len(nearest))
-        beside_m, above_m = beside_m[nearest, points], above_m[nearest, points]
-        from_m = position_m[:2, None] - self._corner_m[:, :, nearest, 0]
-        edge_m = self._edge_m[:, :, nearest, 0]
-        along = (from_m * edge_m).sum(axis=0) * self._inverse_square[:, nearest, 0]
+        from_m = position_m[:2, None] - self._corner_m.take(nearest, axis=-1)
+        edge_m = self._edge_m.take(nearest, axis=-1)
+        along = (from_m * edge_m).sum(axis=0) * self._inverse_square.take(nearest, axis=-1)
         to_wall_m = np.clip(along, 0.0, 1.0) * edge_m - from_m
         closest = np.square(to_wall_m).sum(axis=0).argmin(axis=0)
 
@@ -194,13 +184,78 @@ class Obstacles:
         nearest_m[2] -= np.where(to_roof, above_m, 0.0)
         return nearest_m
 
+    def _candidates(
+        self, position_m: FloatArray
+    ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+        """Return which obstacles may be nearest to which of ``(3, N)`` points.
 
-def _signed(beside_m: FloatArray, above_m: FloatArray) -> FloatArray:
-    """Return the signed distance to a prism from those to its outline and to its roof."""
-    out_beside_m, out_above_m = np.maximum(beside_m, 0.0), np.maximum(above_m, 0.0)
-    signed_m: FloatArray = np.sqrt(out_beside_m * out_beside_m + out_above_m * out_above_m)
-    signed_m += np.minimum(np.maximum(beside_m, above_m), 0.0)
-    return signed_m
+        Boxes around the obstacles tell: none of those left out can be nearer. On a map of many
+        obstacles a handful is left for each point.
+
+        Returns:
+            Pairs (obstacle, point) in the order of the obstacles, the signed distance of each,
+            ``(P,)``, and the least of every point, ``(N,)``.
+        """
+        num_points = position_m.shape[1]
+        if self._inverse_square.size * num_points <= _FEW:
+            obstacle = np.arange(len(self)).repeat(num_points)
+            point = np.tile(np.arange(num_points), len(self))
+            least_m = np.full(num_points, np.inf)
+        else:
+            at_least_m = self._at_least_m(position_m)
+            least_m = self._signed_m(at_least_m.argmin(axis=0), position_m)
+            obstacle, point = np.nonzero(at_least_m <= least_m + _ROUNDING_M)
+        signed_m = self._signed_m(obstacle, position_m[:, point])
+        with np.errstate(invalid="ignore"):
+            np.minimum.at(least_m, point, signed_m)
+        return obstacle, point, signed_m, least_m
+
+    def _at_least_m(self, position_m: FloatArray) -> FloatArray:
+        """Return what the signed distances of ``(3, N)`` points are at least, ``(O, N)``."""
+        low_x_m, low_y_m = self._low_m
+        high_x_m, high_y_m = self._high_m
+        at_least_m: FloatArray = np.maximum(low_x_m - position_m[0], position_m[0] - high_x_m)
+        np.maximum(at_least_m, low_y_m - position_m[1], out=at_least_m)
+        np.maximum(at_least_m, position_m[1] - high_y_m, out=at_least_m)
+        np.maximum(at_least_m, position_m[2] - self._heights_m, out=at_least_m)
+        return at_least_m
+
+    def _signed_m(self, obstacle: IntArray, position_m: FloatArray) -> FloatArray:
+        """Return the signed distance of ``(3, P)`` points to an obstacle each, ``(P,)``."""
+        beside_m, above_m = (
+            self._beside_m(obstacle, position_m),
+            self._above_m(obstacle, position_m),
+        )
+        out_beside_m, out_above_m = np.maximum(beside_m, 0.0), np.maximum(above_m, 0.0)
+        signed_m: FloatArray = np.sqrt(out_beside_m * out_beside_m + out_above_m * out_above_m)
+        signed_m += np.minimum(np.maximum(beside_m, above_m), 0.0)
+        return signed_m
+
+    def _above_m(self, obstacle: IntArray, position_m: FloatArray) -> FloatArray:
+        """Return how far points are above the roof of an obstacle each, ``(P,)``."""
+        above_m: FloatArray = position_m[2] - self._heights_m[obstacle, 0]
+        return above_m
+
+    def _beside_m(self, obstacle: IntArray, position_m: FloatArray) -> FloatArray:
+        """Return how far points are from the outline of an obstacle each, negative within."""
+        corner_x_m, corner_y_m = self._corner_m.take(obstacle, axis=-1)
+        edge_x_m, edge_y_m = self._edge_m.take(obstacle, axis=-1)
+        from_x_m = position_m[0] - corner_x_m
+        from_y_m = position_m[1] - corner_y_m
+        along = from_x_m * edge_x_m + from_y_m * edge_y_m
+        along *= self._inverse_square.take(obstacle, axis=-1)
+        np.clip(along, 0.0, 1.0, out=along)
+        square_m2 = np.square(from_x_m - along * edge_x_m)
+        square_m2 += np.square(from_y_m - along * edge_y_m)
+        wall_m = np.sqrt(square_m2.min(axis=0))
+
+        # Within, a line from the point toward east crosses the outline an odd number of times.
+        north: BoolArray = from_y_m >= 0.0
+        crosses = north != north.take(self._next_corner, axis=0)
+        crosses &= (edge_x_m * from_y_m > edge_y_m * from_x_m) == (edge_y_m > 0.0)
+        within = np.logical_xor.reduce(crosses, axis=0)
+        beside_m: FloatArray = np.where(within, -wall_m, wall_m)
+        return beside_m
 
 
 def _rows(position_enu_m: FloatArray) -> FloatArray:

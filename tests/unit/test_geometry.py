@@ -437,3 +437,29 @@ def test_a_position_that_is_no_number_is_not_free():
     nowhere = np.array([np.nan, 4.0, 3.0])
     assert np.isnan(obstacles.signed_distance_m(nowhere))
     assert np.isnan(obstacles.crash_depth_m(nowhere, np.array([9.0, 4.0, 3.0])))
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_many_obstacles_answer_as_each_alone(seed):
+    rng = np.random.default_rng(seed)
+    footprints, heights = [], []
+    for place in rng.uniform(0.0, 300.0, (120, 2)):
+        shape = list(SHAPES.values())[rng.integers(len(SHAPES))]
+        footprints.append(np.round(place + shape * rng.uniform(0.5, 3.0)))
+        heights.append(float(rng.integers(5, 30)))
+    together = Obstacles(footprints, heights)
+    points = np.round(rng.uniform(-50.0, 350.0, (60, 3)) * [1.0, 1.0, 0.15])
+    points[0, 1] = np.nan
+    alone = [
+        Obstacles([footprint], [height])
+        for footprint, height in zip(footprints, heights, strict=True)
+    ]
+    distances = np.array([obstacle.signed_distance_m(points) for obstacle in alone])
+    np.testing.assert_array_equal(together.signed_distance_m(points), distances.min(axis=0))
+    nearest = [
+        alone[first].nearest_surface(point)
+        for first, point in zip(distances.argmin(axis=0), points, strict=True)
+    ]
+    np.testing.assert_array_equal(together.nearest_surface(points), nearest)
+    one_by_one = [together.signed_distance_m(point) for point in points]
+    np.testing.assert_array_equal(together.signed_distance_m(points), one_by_one)

@@ -97,6 +97,17 @@ def test_the_least_slack_bounds_what_is_entered(start, end):
     assert entered[slack_m < -1e-6].all()
 
 
+@settings(max_examples=500)
+@given(places, st.floats(0.0, 40.0))
+def test_what_is_within_reach_is_what_the_planes_say(place, reach_m):
+    distance_m = HAZARDS.plane_distance_m(place).max(axis=1)
+    expected = HAZARDS.take(distance_m - HAZARDS.keep_m < reach_m)
+    found = HAZARDS.within(place, reach_m)
+    np.testing.assert_array_equal(found.offset_m, expected.offset_m)
+    np.testing.assert_array_equal(found.normal, expected.normal)
+    np.testing.assert_array_equal(found.kind, expected.kind)
+
+
 def test_ground_and_box_are_hazards_of_their_own_kind():
     slack_m = HAZARDS.plane_distance_m(np.array([90.0, 10.0, 4.0])).max(axis=1) - HAZARDS.keep_m
     assert slack_m[HAZARDS.kind == Kind.GROUND].tolist() == [2.5]
