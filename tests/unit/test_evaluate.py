@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from companion.policy.action import PAPER_SCALING, TARGET_SCALING
+from companion.policy.actor import Actor
 from companion.policy.observation import PAPER, RELATIVE
 from companion.world.maps import build_map, load_map
 from sim.world import CityWorld
@@ -79,6 +80,13 @@ def test_moving_targets_are_harder_to_catch_without_foresight():
     moving = evaluate(fly_straight, moving=True)
     assert moving.completion_rate <= 1.0
     assert moving.path_stretch > evaluate(fly_straight).path_stretch
+
+
+def test_the_bundled_actor_of_the_free_map_completes_every_case():
+    actor = Actor.load("paper-free")
+    layout, scaling = actor.contract.layout, actor.contract.action
+    result = evaluate(lambda _, seen: actor.act(seen), layout=layout, scaling=scaling)
+    assert result.completion_rate == 1.0
 
 
 def test_the_same_seed_gives_the_same_cases():

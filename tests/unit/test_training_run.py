@@ -297,6 +297,12 @@ def test_cities_to_train_validate_and_test_on_are_different():
     assert len({city.content_hash for city in maps}) == len(maps)
 
 
+def test_open_ground_is_among_the_cities_to_train_on():
+    built_up = [len(city.heights_m) for city in Place(cities=8).training_maps()]
+    assert built_up[-1] == 0
+    assert min(built_up[:-1]) > 0
+
+
 @pytest.mark.parametrize("wrong", [{}, {"map": "free", "cities": 3}, {"cities": 0}])
 def test_places_that_make_no_sense_are_refused(wrong):
     with pytest.raises(UsageError, match=r"--cities"):
