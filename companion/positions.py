@@ -117,9 +117,13 @@ class Positions:
     def _tie_map(self, state: VehicleState) -> LocalTie | None:
         city, radius_m = self._map, self._earth_radius_m
         if city.origin is None:
-            if city.launch_enu_m is None:
+            launch_enu_m = city.launch_enu_m
+            if launch_enu_m is None:
                 return None
-            return LocalTie.from_launch(city.launch_enu_m, state.origin, earth_radius_m=radius_m)
+            if self._tie is not None and self._tie.local_origin and state.origin:
+                # The map stays where it lies on earth; the local origin has moved across it.
+                launch_enu_m = self._tie.geodetic_to_map(state.origin)
+            return LocalTie.from_launch(launch_enu_m, state.origin, earth_radius_m=radius_m)
         if state.origin is None:
             return None
         return LocalTie.from_origins(city.origin, state.origin, earth_radius_m=radius_m)
