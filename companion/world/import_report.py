@@ -62,7 +62,7 @@ def describe_import(city: Map, report: ImportReport, default_height_m: float) ->
     east_m, north_m, up_m = city.size_m
     origin = city.origin
     rows = [
-        ("map", f"{_short(city.name, 40)}, {east_m:g} x {north_m:g} x {up_m:g} m east, north, up")
+        ("map", f"{_short(city.name, 30)}, {east_m:g} x {north_m:g} x {up_m:g} m east, north, up")
     ]
     if origin is not None:
         rows.append(

@@ -80,6 +80,7 @@ class MapBox:
         east_m, north_m = np.round(np.ceil(np.round(size_m / GRID_M, 3)) * GRID_M, 2).tolist()
         box = cls(origin, east_m, north_m)
         low_deg, high_deg = box.bounds_deg
+        _check_latitude(float(high_deg[1]))
         if high_deg[0] - low_deg[0] > 180.0:
             raise MapError(_ANTIMERIDIAN)
         return box
@@ -100,16 +101,20 @@ _ANTIMERIDIAN = "the box crosses the antimeridian (180 degrees east): choose one
 
 
 def _origin(latitude_deg: float, longitude_deg: float, altitude_m: float) -> GeoPoint:
-    if not abs(latitude_deg) <= _LAST_LATITUDE_DEG:
-        raise MapError(
-            f"the box reaches latitude {latitude_deg:g}: maps end at {_LAST_LATITUDE_DEG:g} "
-            "degrees, nearer to the poles the axes turn too fast"
-        )
+    _check_latitude(latitude_deg)
     return GeoPoint(
         round(float(latitude_deg), _DEGREE_DIGITS),
         round(float(longitude_deg), _DEGREE_DIGITS),
         altitude_m,
     )
+
+
+def _check_latitude(latitude_deg: float) -> None:
+    if not abs(latitude_deg) <= _LAST_LATITUDE_DEG:
+        raise MapError(
+            f"the box reaches latitude {latitude_deg:.3f}: maps end at {_LAST_LATITUDE_DEG:g} "
+            "degrees, nearer to the poles the axes turn too fast"
+        )
 
 
 def _check_span(west_deg: float, south_deg: float, east_deg: float, north_deg: float) -> None:

@@ -84,18 +84,20 @@ def _line(where: str, element: Mapping[str, Any], nodes: Mapping[Any, Any]) -> _
     if isinstance(points, list):
         if any(point is None for point in points):
             return None
-        try:
-            line = [(float(point["lon"]), float(point["lat"])) for point in points]
-        except (TypeError, KeyError, ValueError) as error:
-            raise MapError(f"{where}.geometry: expected points with lon and lat") from error
-        return line
+        if not all(isinstance(point, dict) for point in points):
+            raise MapError(f"{where}.geometry: expected points with lon and lat")
+        return [_place(where, point.get("lon"), point.get("lat")) for point in points]
     refs = element.get("nodes")
     if not isinstance(refs, list) or not all(isinstance(r, int) and r in nodes for r in refs):
         return None
-    try:
-        return [(float(nodes[ref][0]), float(nodes[ref][1])) for ref in refs]
-    except (TypeError, ValueError) as error:
-        raise MapError(f"{where}: its nodes have no numbers for lon and lat") from error
+    return [_place(where, *nodes[ref]) for ref in refs]
+
+
+def _place(where: str, longitude_deg: Any, latitude_deg: Any) -> tuple[float, float]:
+    for value, most in ((longitude_deg, 180.0), (latitude_deg, 90.0)):
+        if not isinstance(value, int | float) or not abs(value) <= most:
+            raise MapError(f"{where}: lon {longitude_deg} and lat {latitude_deg} are no place")
+    return float(longitude_deg), float(latitude_deg)
 
 
 def _assemble(

@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 
 from companion.arrays import FloatArray
+from companion.world import footprints
 from companion.world.frames import ground_to_enu
 from companion.world.import_report import MIN_AREA_M2
 from companion.world.map_box import GRID_M, MapBox
@@ -59,7 +60,7 @@ def place(polygons_deg: Sequence[Sequence[FloatArray]], box: MapBox, tolerance_m
         if not polygon.is_valid:
             polygon = shapely.make_valid(polygon, method="structure", keep_collapsed=False)
             placed.repaired = True
-        if polygon.area == 0.0:
+        if polygon.area < footprints.MIN_AREA_M2:
             placed.invalid += 1
             continue
         if not ground.covers(polygon):
@@ -83,9 +84,12 @@ def _to_plane(rings_deg: Sequence[FloatArray], box: MapBox) -> shapely.Polygon:
 
 def _add_parts(placed: Placed, shape: shapely.Geometry) -> None:
     """Keep the polygons of a shape that are large enough, without holes that are not."""
-    for part in shapely.get_parts(shape):
-        if part.geom_type != "Polygon" or shapely.Polygon(part.exterior).area < MIN_AREA_M2:
-            placed.tiny += part.area > 0.0
+    parts = [part for part in shapely.get_parts(shape) if part.area > 0.0]
+    if not parts:  # thinner than the grid
+        placed.tiny += 1
+    for part in parts:
+        if shapely.Polygon(part.exterior).area < MIN_AREA_M2:
+            placed.tiny += 1
             continue
         holes = [ring for ring in part.interiors if shapely.Polygon(ring).area >= MIN_AREA_M2]
         placed.filled += len(part.interiors) - len(holes)
