@@ -25,7 +25,6 @@ What differs from the pymavlink backend:
 import json
 import logging
 import math
-from collections.abc import Mapping
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
@@ -76,7 +75,7 @@ class MavsdkCodec(Codec):
             self._start()
 
     def decode(self, received: Received) -> Any | None:
-        """Return the message as MAVSDK reads it, with the attributes of pymavlink's.
+        """Return what MAVSDK reads, as pymavlink's message object; ``None`` if it reads nothing.
 
         Raises:
             LinkLostError: If MAVSDK hangs.
@@ -95,7 +94,8 @@ class MavsdkCodec(Codec):
                 if json.loads(message.fields_json)["value"] == self._marks:
                     return None
             elif (message.message_name, message.system_id, message.component_id) == wanted:
-                return _Decoded(message.message_name, json.loads(message.fields_json))
+                fields = json.loads(message.fields_json)
+                return known(**{key: _field(fields[key]) for key in known.fieldnames})
 
     def encode(self, message: Any) -> bytes:
         """Return ``message`` as MAVSDK writes it, with the next sequence number.
@@ -152,17 +152,6 @@ class MavsdkCodec(Codec):
             self._made.put(None)
 
 
-class _Decoded:
-    """The fields of a message as attributes."""
-
-    def __init__(self, name: str, fields: Mapping[str, Any]) -> None:
-        self._name = name
-        self.__dict__.update((key, _number(value)) for key, value in fields.items())
-
-    def get_type(self) -> str:
-        return self._name
-
-
 def _answer(answers: "SimpleQueue[_T]") -> _T:
     try:
         return answers.get(timeout=_PATIENCE_S)
@@ -184,11 +173,13 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _number(value: Any) -> Any:
-    """Undo ``_plain``."""
-    if value is None:
-        return math.nan
-    return [_number(item) for item in value] if isinstance(value, list) else value
+def _field(value: Any) -> Any:
+    """Return a field as pymavlink's messages are made of them."""
+    if isinstance(value, str):
+        return value.encode("ascii", errors="replace")
+    if isinstance(value, list):
+        return [_field(item) for item in value]
+    return math.nan if value is None else value
 
 
 def _log(level: LogLevel, text: str, _file: str | None, _line: int) -> bool:
