@@ -23,6 +23,7 @@ usage: companion COMMAND [OPTIONS]      (companion COMMAND --help says more)
   preflight look at a vehicle before a flight: GO or NO-GO
   mock      start the built-in mock vehicle
   review    print and open what a run has left behind
+  replay    make the decisions of a run again and compare
   maps      check or show a map file, or import one from building footprints
   actors    show an actor file and its contract
 """
@@ -40,6 +41,26 @@ class ReviewArgs:
     """Render the recording into this picture, without a display."""
     at: float | None = None
     """Time of the picture (s since the start); by default the end."""
+
+
+@dataclass(frozen=True)
+class ReplayArgs:
+    """Make every decision of a recorded run again and compare what it sent, bit for bit.
+
+    The program runs again with the bytes, times and signals of the recording, and every frame it
+    sends must be that of flight.tlog. Exit code 0: all the same; 8: something differs; 5: it
+    cannot be told, because the recording has gaps, map or actor have changed, or this version
+    asks clock and link in another order than the one that flew.
+    """
+
+    session: tyro.conf.Positional[Path]
+    """Session folder, as named by ``companion run``."""
+    actor: str | None = None
+    """Also ask this actor (file or bundled name) what it would have decided in every situation
+    of the flight, and write a session folder that ``companion review`` opens."""
+    record: Path = Path("sessions")
+    """Folder in which that session folder is made."""
+    json: Annotated[bool, tyro.conf.arg(help="One object on stdout instead of words.")] = False
 
 
 @dataclass(frozen=True)
@@ -76,6 +97,7 @@ def _main(argv: list[str]) -> int:
         "preflight": _preflight,
         "mock": _mock,
         "review": _review,
+        "replay": _replay,
         "maps": _maps,
         "actors": _actors,
     }
@@ -171,6 +193,27 @@ def _review(argv: list[str]) -> int:
     elif not args.text:
         print(review.open_viewer(args.session))
     return 0
+
+
+def _replay(argv: list[str]) -> int:
+    args = tyro.cli(ReplayArgs, args=argv, prog="companion replay")
+    logging.getLogger("companion").setLevel(logging.CRITICAL)  # what it says was said in flight
+    from companion import replay, second_opinion
+    from companion.policy.actor import Actor
+
+    session = replay.RecordedSession(args.session)
+    replayed = session.replay(lambda record: None)
+    opinion = None
+    if args.actor is not None:
+        opinion = second_opinion.second_opinion(session, Actor.load(args.actor), args.record)
+    if args.json:
+        found = msgspec.to_builtins(replayed) | {"other": msgspec.to_builtins(opinion)}
+        print(msgspec.json.encode(found).decode())
+    else:
+        print(replay.words(replayed))
+        if opinion is not None:
+            print(second_opinion.words(opinion))
+    return replayed.exit_code
 
 
 def _maps(argv: list[str]) -> int:

@@ -1,6 +1,8 @@
-"""One turn of the loop as a record for the session."""
+"""What the flying process says of itself to the session: one turn of the loop, its actor."""
 
+import platform
 from collections.abc import Iterable
+from importlib.metadata import PackageNotFoundError, version
 from typing import SupportsFloat
 
 from companion.arrays import FloatArray
@@ -8,8 +10,11 @@ from companion.guidance.guidance import Proposal
 from companion.guidance.shield import ShieldDecision
 from companion.guidance.situation import Directive, Situation
 from companion.guidance.target import TargetEstimate
+from companion.policy.actor import Actor
 from companion.positions import Pose
-from companion.session.records import Tick
+from companion.session.records import ActorRecord, Tick
+
+_PACKAGES = ("mavlink-companion", "numpy", "onnxruntime", "pymavlink", "shapely")
 
 
 def tick_record(
@@ -54,6 +59,31 @@ def tick_record(
         latency_ms=latency_ms,
         lateness_ms=lateness_ms,
     )
+
+
+def actor_record(actor: Actor) -> ActorRecord:
+    """Return what a session says of its actor."""
+    contract = actor.contract
+    return ActorRecord(
+        name=actor.name,
+        sha256=actor.sha256,
+        layout=contract.layout.name,
+        columns=list(contract.layout.columns),
+        detail={"preset": contract.preset, "stage": contract.stage, "seed": contract.seed},
+    )
+
+
+def made_by() -> str:
+    """Return the versions that the arithmetic of a flight depends on."""
+    packages = ", ".join(f"{name} {_version(name)}" for name in _PACKAGES)
+    return f"{packages}, Python {platform.python_version()}, {platform.machine()}"
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:  # run from a checkout that is not installed
+        return "(unknown)"
 
 
 def _list(values: Iterable[SupportsFloat] | None) -> list[float] | None:

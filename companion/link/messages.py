@@ -1,7 +1,9 @@
 """The messages we send, built from values. Pure; every number is named where it is not plain."""
 
 import math
+import struct
 
+import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.arrays import FloatArray
@@ -18,6 +20,8 @@ _FASTEST_MPS = 1000.0
 
 _AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 _NO_BYTES = bytes(8)
+_V2_HEADER_BYTES = 10
+_VELOCITY_END = 28  # in the payload of SET_POSITION_TARGET_LOCAL_NED
 
 
 def heartbeat(status: SystemStatus) -> dialect.MAVLink_heartbeat_message:
@@ -71,6 +75,17 @@ def velocity_setpoint(
         yaw=0.0 if yaw_rad is None else yaw_rad,
         yaw_rate=0.0,
     )
+
+
+def velocity_of(frame: bytes) -> FloatArray | None:
+    """Return the velocity of a frame of ``velocity_setpoint``, ``None`` for any other frame."""
+    message_id = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+    if len(frame) < _V2_HEADER_BYTES or int.from_bytes(frame[7:10], "little") != message_id:
+        return None
+    # zeros at the end of a payload are not sent
+    payload = frame[_V2_HEADER_BYTES : _V2_HEADER_BYTES + frame[1]].ljust(_VELOCITY_END, b"\0")
+    north_east_down = struct.unpack_from("<3f", payload, _VELOCITY_END - 12)
+    return np.array(north_east_down, dtype=np.float64)
 
 
 def command_long(

@@ -3,6 +3,7 @@
 import importlib.util
 import logging
 from collections.abc import Callable, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
@@ -33,6 +34,9 @@ def connect(
     timeout_s: float = 30.0,
     tap: Tap | None = None,
     signing_key: Path | None = None,
+    watch: Callable[[Transport], Transport] | None = None,
+    now: Callable[[], float] = clock.now_s,
+    utc_now: Callable[[], datetime] = clock.utc_now,
 ) -> MavlinkVehicle:
     """Open a link and find the vehicle on it.
 
@@ -45,6 +49,9 @@ def connect(
         tap: Called with ``(sent, time_s, frame)`` for every frame both ways.
         signing_key: File of the key that everybody on the link must sign with, see
             ``companion.link.signing.load_key``; ``None`` leaves the link open to all.
+        watch: Returns what to use in place of the transport, to see what passes.
+        now: The monotonic clock.
+        utc_now: The wall clock, read once where frames are signed.
 
     Raises:
         UsageError: If the URL or the system ids make no sense, the backend is not installed,
@@ -60,8 +67,9 @@ def connect(
     if signing_key is not None:
         key = load_key(signing_key)
         _LOG.info("frames are signed; the key in %s is %s", signing_key, key.form)
+    transport = open_transport(address)
     return attach(
-        open_transport(address),
+        transport if watch is None else watch(transport),
         url=url,
         backend=backend,
         vehicle_sysid=vehicle_sysid,
@@ -69,6 +77,8 @@ def connect(
         timeout_s=timeout_s,
         tap=tap,
         signing_key=key,
+        now=now,
+        utc_now=utc_now,
     )
 
 
@@ -83,12 +93,13 @@ def attach(
     tap: Tap | None = None,
     signing_key: SigningKey | None = None,
     now: Callable[[], float] = clock.now_s,
+    utc_now: Callable[[], datetime] = clock.utc_now,
 ) -> MavlinkVehicle:
     """Find the vehicle on an open transport, which is closed on failure; see ``connect``."""
     own_system_id = _PROVISIONAL_SYSTEM_ID if vehicle_sysid is None else vehicle_sysid
     signing = None
     if signing_key is not None:
-        signing = Signing(signing_key, stamp=stamp_at(clock.utc_now()), now_s=now())
+        signing = Signing(signing_key, stamp=stamp_at(utc_now()), now_s=now())
     try:
         connection = Connection(transport, _codec(backend, own_system_id), now, tap, signing)
     except BaseException:

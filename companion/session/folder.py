@@ -3,6 +3,7 @@
 2026-11-22T14-03-07Z/
     session.rrd     everything that was decided, for Rerun
     flight.tlog     the raw MAVLink, both directions
+    inputs.bin      what the program was told, byte by byte and tick by tick, for ``replay``
     summary.json    how it ended
     config.json     what it was told
 """
@@ -19,6 +20,7 @@ from companion.session.summary import Summary
 
 RECORDING = "session.rrd"
 TLOG = "flight.tlog"
+INPUTS = "inputs.bin"
 SUMMARY = "summary.json"
 CONFIG = "config.json"
 

@@ -14,7 +14,8 @@ from pathlib import Path
 
 from companion.clock import now_s, sleep_s
 from companion.errors import CompanionError
-from companion.session.folder import RECORDING, TLOG
+from companion.session.folder import INPUTS, RECORDING, TLOG
+from companion.session.inputs import InputsOutput
 from companion.session.outputs import Background, Output, Outputs, TlogOutput
 from companion.session.records import RecordReader
 from companion.session.viewer import has_display, open_viewer, optimize
@@ -53,10 +54,11 @@ def _say(text: str) -> None:
 def _open_outputs(folder: Path, live: str) -> list[Output]:
     """Open what can be opened and say what cannot."""
     outputs: list[Output] = []
-    try:
-        outputs.append(TlogOutput(folder / TLOG))
-    except OSError as error:
-        _say(f"no {TLOG}: {error}")
+    for name, open_output in ((TLOG, TlogOutput), (INPUTS, InputsOutput)):
+        try:
+            outputs.append(open_output(folder / name))
+        except OSError as error:
+            _say(f"no {name}: {error}")
     try:
         from companion.session.streams import file_output, live_output
     except ImportError:

@@ -79,6 +79,8 @@ class SessionStart(msgspec.Struct, frozen=True, kw_only=True, array_like=True, t
     margin_m: float
     """Clearance that the shield keeps."""
     arrival_radius_m: float
+    made_by: str = ""
+    """Versions of this program and of what its arithmetic depends on."""
 
 
 class Tick(msgspec.Struct, frozen=True, kw_only=True, array_like=True, gc=False, tag="tick"):
@@ -133,6 +135,16 @@ class Raw(msgspec.Struct, frozen=True, array_like=True, gc=False, tag="raw"):
     data: bytes
 
 
+class Inputs(msgspec.Struct, frozen=True, array_like=True, gc=False, tag="inputs"):
+    """A block of ``companion.journal``: what the flying process was told, in order."""
+
+    number: int
+    """Of this block, from 0; a gap is a block that was lost."""
+    frames: int
+    """``Raw`` records before this block; fewer in ``flight.tlog`` means that some were lost."""
+    data: bytes
+
+
 class Event(msgspec.Struct, frozen=True, array_like=True, gc=False, tag="event"):
     """Something worth a line in the log."""
 
@@ -155,7 +167,7 @@ class SessionEnd(msgspec.Struct, frozen=True, array_like=True, tag="end"):
     summary: Summary
 
 
-Record = SessionStart | Tick | Raw | Event | Mark | SessionEnd
+Record = SessionStart | Tick | Raw | Inputs | Event | Mark | SessionEnd
 
 _LENGTH_BYTES = 4
 
