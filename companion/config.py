@@ -45,6 +45,8 @@ class SiteConfig:
     """Clearance that the shield keeps from obstacles and from the edges of the map (m)."""
     takeoff: float | None = None
     """Take off to this height above the ground (m)."""
+    backend: Literal["pymavlink", "mavsdk"] = "pymavlink"
+    """The library that reads and writes MAVLink; the contract is the same."""
     signing_key: Path | None = None
     """File of a MAVLink 2 signing key: 32 raw bytes, 64 hexadecimal digits, or a passphrase.
     What is not signed with it is ignored, targets and ground stations included."""
@@ -194,18 +196,6 @@ def load_run_config(path: Path) -> RunConfig:
         return msgspec.convert(values, RunConfig, dec_hook=_path_hook)
     except msgspec.ValidationError as error:
         raise UsageError(f"--config {path}: {error}") from error
-
-
-def restore_run_config(values: dict[str, Any]) -> RunConfig:
-    """Return the options that ``RunConfig.as_dict`` has written.
-
-    Raises:
-        UsageError: If they are not those of this version.
-    """
-    try:
-        return msgspec.convert(values, RunConfig, dec_hook=_path_hook)
-    except msgspec.ValidationError as error:
-        raise UsageError(f"the session's options are not those of this version: {error}") from error
 
 
 def _path_hook(kind: type, value: Any) -> Any:

@@ -94,6 +94,7 @@ def inspect(config: PreflightConfig) -> Inspection:
             vehicle_sysid=config.vehicle_sysid,
             target_sysids=[] if config.target_sysid is None else [config.target_sysid],
             timeout_s=CONNECT_TIMEOUT_S,
+            backend=config.backend,
             signing_key=config.signing_key,
         )
         with contextlib.closing(vehicle):
