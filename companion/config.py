@@ -198,6 +198,18 @@ def load_run_config(path: Path) -> RunConfig:
         raise UsageError(f"--config {path}: {error}") from error
 
 
+def restore_run_config(values: dict[str, Any]) -> RunConfig:
+    """Return the options that ``RunConfig.as_dict`` has written.
+
+    Raises:
+        UsageError: If they are not those of this version.
+    """
+    try:
+        return msgspec.convert(values, RunConfig, dec_hook=_path_hook)
+    except msgspec.ValidationError as error:
+        raise UsageError(f"the session's options are not those of this version: {error}") from error
+
+
 def _path_hook(kind: type, value: Any) -> Any:
     if kind is Path:
         return Path(value)
