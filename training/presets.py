@@ -3,8 +3,9 @@
 ``paper`` is the paper as literally as its errata allow: its six raw coordinates, one critic,
 one-step targets, no end of an episode on contact. What the paper leaves open (E6) is ours, and
 two of those choices carry the result: wide layers and a small penalty on saturation. The raw
-state pays for the wrap of psi at 0 / 2 pi; ``--layout relative`` holds the same information
-seen from the vehicle and needs a tenth of the updates.
+state pays for the wrap of psi at 0 / 2 pi: two runs of 40,000 updates completed 99.3 and 100 %
+of 1000 held-out cases. ``--layout relative`` holds the same information seen from the vehicle
+and completes all of them after 3000 to 6000 updates; the shipped actor ``paper-free`` uses it.
 
 ``flight`` is the same algorithm free to use what makes it work: rays around the vehicle, contact
 ends the episode, three-step returns, twin critics, and sampled actions that compete with the
