@@ -17,6 +17,7 @@ _NEGATIVE_STARTS = ("--box", "--center")
 """Options whose value may begin with a minus sign, south of the equator."""
 
 _MOST_TOLERANT_M = 5.0
+_HIGHEST_M = 10_000.0
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,8 @@ def _check_lengths(args: ImportArgs) -> None:
     ):
         if value is not None and not 0.0 < value < math.inf:
             raise UsageError(f"{option} {value:g}: a length above 0 m")
+    if args.altitude is not None and not abs(args.altitude) <= _HIGHEST_M:
+        raise UsageError(f"--altitude {args.altitude:g}: metres above mean sea level")
     if not 0.0 <= args.tolerance <= _MOST_TOLERANT_M:
         raise UsageError(f"--tolerance {args.tolerance:g}: 0 to {_MOST_TOLERANT_M:g} m")
     if args.default_height > args.ceiling:

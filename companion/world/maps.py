@@ -24,6 +24,8 @@ from companion.world.frames import GeoPoint
 from companion.world.geometry import Obstacles
 from companion.world.map_file import MapFile, read_map_file
 
+_MOST_ROWS = 50
+"""Of obstacles in a table for people."""
 MAX_SIDE_M = 10_000.0
 """Over 10 km the ground falls 8 m away from a flat map."""
 
@@ -177,15 +179,18 @@ def describe_map(city: Map) -> str:
     if count:
         heading = f"{'obstacle':<20}{'height':>9}{'east':>18}{'north':>18}{'corners':>9}"
         lines += ["", heading, f"{'':<20}{'m':>9}{'m':>18}{'m':>18}"]
-    for name, footprint, height_m in zip(
-        city.obstacle_names, city.footprints_m, city.heights_m, strict=True
-    ):
+    # Of a whole town the highest, in the order of the file.
+    shown = np.sort(np.argsort(-city.heights_m, kind="stable")[:_MOST_ROWS])
+    for index in shown.tolist():
+        name, footprint = city.obstacle_names[index], city.footprints_m[index]
         west, south = footprint.min(axis=0)
         east, north = footprint.max(axis=0)
         lines.append(
-            f"{name if len(name) < 20 else name[:16] + '...':<20}{height_m:>9.1f}"
+            f"{name if len(name) < 20 else name[:16] + '...':<20}{city.heights_m[index]:>9.1f}"
             f"{f'{west:.1f} - {east:.1f}':>18}{f'{south:.1f} - {north:.1f}':>18}{len(footprint):>9}"
         )
+    if count > len(shown):
+        lines.append(f"and {count - len(shown)} more, none of them higher")
     return "\n".join(lines)
 
 
@@ -235,11 +240,13 @@ def _check_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
         return tuple(f"obs{number}" for number in range(1, count + 1))
     if len(names) != count:
         raise MapError(f"{len(names)} obstacle names for {count} obstacles")
+    taken: set[str] = set()
     for index, name in enumerate(names):
         if not name.strip() or not name.isprintable():
             raise MapError(f"obstacles[{index}].name must be printable and not empty, got {name!r}")
-        if name in names[:index]:
+        if name in taken:
             raise MapError(f"obstacles[{index}].name {name} is taken by another obstacle")
+        taken.add(name)
     return tuple(names)
 
 
