@@ -16,6 +16,7 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         ("Final distance to target", _text("{:.1f} m", summary.final_distance_m)),
         ("Smallest clearance", _text("{:.2f} m", summary.min_clearance_m)),
         ("Highest speed", _text("{:.2f} m/s", summary.max_speed_mps)),
+        ("Speed cap", _text("{:.2f} m/s", summary.v_max_mps)),
         ("Shield interventions", f"{summary.shield_interventions}"),
         ("Setpoints sent", f"{summary.setpoints_sent}"),
         ("Setpoint rate", _text("{:.2f} Hz", summary.setpoint_rate_hz)),
