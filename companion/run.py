@@ -52,7 +52,6 @@ def run(config: RunConfig) -> Summary:
             target_sysids=target_sysids(config),
             timeout_s=CONNECT_TIMEOUT_S,
             backend=config.backend,
-            backend=config.backend,
             signing_key=config.signing_key,
             tap=journal.tap,
             watch=lambda transport: JournaledTransport(transport, journal),
