@@ -12,6 +12,7 @@ import numpy as np
 
 from companion.errors import CompanionError, UsageError
 from companion.world.frames import GeoPoint
+from sim.mock.ardupilot.personality import ARDUPILOT
 from sim.mock.fault_kinds import KINDS
 from sim.mock.faults import parse_fault
 from sim.mock.personality import Personality
@@ -72,7 +73,7 @@ exit codes
 """
 
 
-PERSONALITIES = {personality.name: personality for personality in (PX4,)}
+PERSONALITIES = {personality.name: personality for personality in (PX4, ARDUPILOT)}
 _RANGES = {
     "speed": (0.01, 100.0),
     "boot_s": (0.1, 600.0),

@@ -16,8 +16,8 @@ from sim.mock.wire import MAVLINK2
 
 FTP_NAK, FTP_FAIL = 129, 1
 
-Handler = Callable[[Any, Channel, Any], None]
-"""Takes an autopilot, the link and the message."""
+Handler = Callable[[Any, Any, Any], None]
+"""Takes an autopilot, the link (its own kinds of both) and the message."""
 
 
 def handle(

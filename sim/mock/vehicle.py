@@ -179,6 +179,8 @@ class MockVehicle:
             sender = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
             self.referee.count_setpoint(sender, self.autopilot.mode, channel.shown_mode)
         handle(self._personality.handlers, self.autopilot, channel, message)
+        for each in self._channels:
+            each.show_changes(self.autopilot)
 
     def _route(self, link: int, message: Any) -> None:
         """Pass on what is not for this autopilot alone: other parties' heartbeats above all."""

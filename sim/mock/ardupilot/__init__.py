@@ -1,0 +1,10 @@
+"""ArduCopter 4.6.3 as a companion meets it.
+
+Read in this order:
+
+* ``modes``, ``parameters``, ``setpoints``: its vocabulary;
+* ``copter``: arming, modes and take-off; ``boot``, ``estimator``, ``failsafe``, ``ground``: what
+  it goes through and watches; ``flight``: what each mode makes the vehicle do;
+* ``incoming``, ``commands``: requests and their answers; ``telemetry``, ``housekeeping``,
+  ``streams``, ``channel``: messages, their rates, one link.
+"""
