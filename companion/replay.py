@@ -127,6 +127,7 @@ class RecordedSession:
         vehicle = attach(
             playback.open(),
             url=start.vehicle.link,
+            backend=config.backend,
             vehicle_sysid=config.vehicle_sysid,
             target_sysids=target_sysids(config),
             timeout_s=CONNECT_TIMEOUT_S,

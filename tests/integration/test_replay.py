@@ -255,9 +255,12 @@ def wait_for(run, words):
     raise AssertionError(f"never said {words!r}")
 
 
-def test_a_pursuit_on_a_bad_radio_and_a_takeover(fly, constant_actor, tmp_path):
+@pytest.mark.parametrize("backend", ["pymavlink", "mavsdk"])
+def test_a_pursuit_on_a_bad_radio_and_a_takeover(fly, constant_actor, tmp_path, backend):
     """Targets, losses, doubled and broken packets, a pilot: everything that comes is an input."""
+    pytest.importorskip(backend)
     run = fly(
+        "--backend", backend,
         "--actor", constant_actor((0.6, 0.1, 0.2)), "--target-sysid", 42,
         mock=(
             "--radio", "--target", "kind=waypoints,sysid=42,speed=1.5,at=60:60:10",
