@@ -4,6 +4,7 @@ Both become the same flat list of outlines with tags; which of them are building
 lie, is for ``map_import``.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,8 @@ from companion.world.overpass import read_elements
 
 MAX_FILE_BYTES = 2**28
 """256 MiB are about half a million buildings: a file of a country, to be cut first."""
+_SEQUENCE = re.compile(rb"\s*(\x1e|\{[^\n]*\}\s*\n\s*\{)")
+"""A feature a line, as GDAL's GeoJSONSeq and RFC 8142 have it."""
 _AREAS = ("Polygon", "MultiPolygon")
 _OTHERS = ("Point", "MultiPoint", "LineString", "MultiLineString")
 _WGS84 = ("crs84", "4326", "4979", "wgs84", "wgs 84", "crs84h")
@@ -72,6 +75,9 @@ def _decode(data: bytes) -> Any:
     if not data.strip():
         raise MapError("not GeoJSON: the file is empty")
     try:
+        if _SEQUENCE.match(data):
+            features = msgspec.json.Decoder().decode_lines(data.replace(b"\x1e", b""))
+            return {"type": "FeatureCollection", "features": features}
         return msgspec.json.decode(data.removeprefix(b"\xef\xbb\xbf"))
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise MapError(f"not JSON: {str(error).removeprefix('JSON is malformed: ')}") from error

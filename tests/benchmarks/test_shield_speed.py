@@ -1,4 +1,4 @@
-"""What one check of the shield costs on 25 obstacles: run with ``--benchmark-only``."""
+"""What one check of the shield costs, on 25 obstacles and more: run with ``--benchmark-only``."""
 
 import numpy as np
 import pytest
@@ -6,14 +6,22 @@ import pytest
 from companion.guidance.shield import Shield, ShieldLimits, ShieldReason
 from companion.world.maps import build_map
 
-CORNERS = np.stack(np.meshgrid(np.arange(5) * 20.0 + 5, np.arange(5) * 20.0 + 5), -1).reshape(-1, 2)
 BLOCK = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
-CITY = build_map(
-    "blocks",
-    (100, 100, 100),
-    [corner + BLOCK for corner in CORNERS],
-    [20.0 + 1.5 * k for k in range(25)],
-)
+
+
+def blocks(side):
+    """Return a map of ``side`` by ``side`` blocks, 10 m apart."""
+    along = np.arange(side) * 20.0 + 5.0
+    corners = np.stack(np.meshgrid(along, along), -1).reshape(-1, 2)
+    return build_map(
+        "blocks",
+        (20.0 * side, 20.0 * side, 100.0),
+        [corner + BLOCK for corner in corners],
+        [20.0 + 1.5 * (k % 25) for k in range(side * side)],
+    )
+
+
+CITY = blocks(5)
 CASES = {
     "far": ([50.0, 50.0, 90.0], [2.0, 0.0, 0.0], ShieldReason.CLEAR),
     "street": ([20.0, 40.0, 12.0], [0.0, 4.0, 0.0], ShieldReason.CLEAR),
@@ -35,5 +43,18 @@ def test_one_check(benchmark, case):
         np.array(proposal),
         position_enu_m=np.array(position),
         velocity_now_enu_mps=now,
+    )
+    assert decision.reason is reason
+
+
+@pytest.mark.parametrize("side", [5, 17, 45])
+def test_one_check_in_a_town(benchmark, side):
+    position, proposal, reason = CASES["slide"]
+    shield = Shield(blocks(side), ShieldLimits())
+    decision = benchmark(
+        shield.check,
+        np.array(proposal),
+        position_enu_m=np.array(position),
+        velocity_now_enu_mps=0.05 * np.array(proposal),
     )
     assert decision.reason is reason

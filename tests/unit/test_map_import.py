@@ -326,6 +326,16 @@ def test_footprints_from_a_survey_have_no_tags():
         assert run(bare, box=BOX)[1].buildings == 1
 
 
+@pytest.mark.parametrize("separator", ["", "\x1e"])
+def test_a_feature_a_line(separator):
+    houses = [feature(square(10, 10)), feature(square(30, 10))]
+    lines = "".join(f"{separator}{json.dumps(house)}\n" for house in houses)
+    _, report = import_map(read_outlines(lines.encode()), ImportOptions("town", "town", box=BOX))
+    assert report.buildings == 2
+    with pytest.raises(MapError, match="not JSON"):
+        read_outlines((lines + separator + "{").encode())
+
+
 def test_swapped_coordinates_are_suspected():
     turn = 0.5
     houses = []
