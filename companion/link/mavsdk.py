@@ -29,8 +29,9 @@ from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 from mavsdk import Configuration, Mavsdk
+from mavsdk.cmavsdk_loader import _cmavsdk_lib
 from mavsdk.connection_result import ConnectionResult
-from mavsdk.logging import LogLevel, log_subscribe
+from mavsdk.logging import LogCallback, LogLevel
 from mavsdk.plugins.mavlink_direct_server import (
     MavlinkDirectServer,
     MavlinkDirectServerError,
@@ -43,6 +44,9 @@ from companion.link.codec import Codec, Received
 
 _PATIENCE_S = 2.0
 """MAVSDK answers in well under a millisecond; after this its threads are stuck."""
+_STALL_S = 0.1
+_MARKS_OF_A_FRAME = 12
+"""Longer, together, than any frame."""
 _MARK = "NAMED_VALUE_INT"
 _MARK_NAME = b"mark"
 
@@ -64,7 +68,7 @@ class MavsdkCodec(Codec):
         self._made: SimpleQueue[None] = SimpleQueue()
         self._awaited = b""
         self._marks = 0
-        log_subscribe(_log)
+        _cmavsdk_lib.mavsdk_log_subscribe(_LOG_CALLBACK, None)
         self._start()
 
     def become(self, system_id: int) -> None:
@@ -86,10 +90,15 @@ class MavsdkCodec(Codec):
         # MAVSDK says nothing of a frame that it does not like: the mark behind it tells
         self._marks = (self._marks + 1) & 0x7FFFFFFF
         mark = dialect.MAVLink_named_value_int_message(0, _MARK_NAME, self._marks)
-        self._mavsdk.pass_received_raw_bytes(received.frame + bytes(mark.pack(self._marker)))
+        mark_frame = bytes(mark.pack(self._marker))
+        self._mavsdk.pass_received_raw_bytes(received.frame + mark_frame)
         wanted = (known.msgname, received.system_id, received.component_id)
         while True:
-            message = _answer(self._heard)
+            try:
+                message = self._heard.get(timeout=_STALL_S)
+            except Empty:  # MAVSDK may have taken the mark for a part of a long frame
+                self._mavsdk.pass_received_raw_bytes(mark_frame * _MARKS_OF_A_FRAME)
+                message = _answer(self._heard)
             if message.message_name == _MARK:
                 if json.loads(message.fields_json)["value"] == self._marks:
                     return None
@@ -182,7 +191,11 @@ def _field(value: Any) -> Any:
     return math.nan if value is None else value
 
 
-def _log(level: LogLevel, text: str, _file: str | None, _line: int) -> bool:
+def _log(level: int, text: bytes, _file: bytes, _line: int, _data: None) -> bool:
     """Take MAVSDK's words off the terminal; problems are told by our own errors."""
-    _LOG.debug("%s: %s", level.name.lower(), text)
+    _LOG.debug("%s: %s", LogLevel(level).name.lower(), text.decode(errors="replace"))
     return True
+
+
+# not by mavsdk.logging.log_subscribe: it prints to stdout where a STATUSTEXT is not UTF-8
+_LOG_CALLBACK = LogCallback(_log)

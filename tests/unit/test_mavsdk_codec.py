@@ -11,7 +11,7 @@ pytest.importorskip("mavsdk", reason="mavsdk is not installed")
 
 from companion.errors import LinkLostError
 from companion.link import messages
-from companion.link.codec import Codec, Parser
+from companion.link.codec import Codec, Parser, Received
 from companion.link.mavsdk import MavsdkCodec
 from companion.vehicle import SystemStatus
 
@@ -143,6 +143,22 @@ def test_others_who_steer_our_vehicle_are_read(codec):
     for sender in ((7, 191), (7, 192), (255, 190)):
         frame = setpoint.pack(dialect.MAVLink(None, *sender))
         assert codec.decode(packet(frame)).target_system == 7
+
+
+def test_nothing_is_printed(codec, capfd):
+    text = dialect.MAVLink_statustext_message(2, b'\xff\xfe caf\xe9 "\n\t\x01')
+    received = packet(text.pack(dialect.MAVLink(None, 7, 1)))
+    assert "caf" in codec.decode(received).text
+    codec.encode(messages.heartbeat(SystemStatus.ACTIVE))
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("length", [0, 100, 255])
+def test_a_length_that_lies_holds_nobody_up(codec, length):
+    frame = bytearray(HEARTBEAT.pack(dialect.MAVLink(None, 7, 1)))
+    frame[1] = length
+    assert codec.decode(Received(0.0, 7, 1, 0, bytes(frame))) is None
+    assert codec.decode(packet(HEARTBEAT.pack(dialect.MAVLink(None, 7, 1)))).custom_mode == 7
 
 
 def test_what_nobody_knows_is_nothing(codec):
