@@ -50,7 +50,7 @@ class Replayed(msgspec.Struct, frozen=True, kw_only=True):
     largest_difference_mps: float | None = None
     """Between two setpoints of the same moment."""
     cut_off: bool = False
-    """The program was killed; what it did until then was replayed."""
+    """The recording has no end: program or recorder was killed. What there is was replayed."""
     same_summary: bool | None = None
     """Whether the summary came out the same; ``None`` where there is none."""
     recorded_by: str = ""
@@ -215,7 +215,7 @@ def words(replayed: Replayed) -> str:
     """Return the result for people."""
     sent = f"{replayed.frames_sent} frames sent, {replayed.setpoints_sent} of them setpoints"
     if replayed.cut_off:
-        sent += " (until the program was killed)"
+        sent += " (until the recording was cut off)"
     if replayed.same:
         return f"{replayed.session}: {sent}: all of them came out the same, bit for bit"
     lines = [f"{replayed.session}: {sent}"]

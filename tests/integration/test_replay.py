@@ -1,6 +1,7 @@
 """``companion replay`` on flights of the real program over real sockets."""
 
 import json
+import os
 import shutil
 import signal
 import socket
@@ -11,6 +12,7 @@ import time
 import pytest
 
 from companion.session.inputs import InputsOutput, read_inputs
+from companion.session.recorder import Recorder
 from companion.session.records import Inputs, SessionEnd
 from companion.session.tlog import read_tlog
 
@@ -294,3 +296,18 @@ def test_a_run_that_was_ended_replays_until_its_end(fly, constant_actor, tmp_pat
     assert found["same"]
     assert found["setpoints_sent"] > 20
     assert found["cut_off"] is (number == signal.SIGKILL)
+
+
+def test_a_recorder_that_could_not_keep_up_is_found_out(flown, tmp_path):
+    inputs = read_inputs(flown[0] / "inputs.bin")
+    recorder = Recorder(tmp_path, backlog_bytes=200_000)
+    os.kill(recorder.process_id, signal.SIGSTOP)
+    recorder.put(inputs.start)
+    for number in range(60):
+        recorder.put(Inputs(number, 0, bytes(50_000)))
+    os.kill(recorder.process_id, signal.SIGCONT)
+    assert recorder.close(20.0)
+    assert recorder.dropped > 0
+    code, found, err = replay(tmp_path)
+    assert (code, found) == (5, None)
+    assert "dropped records" in err
