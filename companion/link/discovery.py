@@ -147,12 +147,9 @@ class _Search:
         waited = f"within {timeout_s:g} s"
         signing = connection.signing
         if not self._autopilots and signing is not None and connection.packets_refused:
-            counts = ", ".join(
-                f"{count} {fault}" for fault, count in signing.refused.items() if count
-            )
             return LinkLostError(
                 f"no autopilot that signs with this key heard on {url} {waited}; packets dropped: "
-                f"{counts}; same key on both sides, and both clocks right?"
+                f"{signing.refused_in_words()}; same key on both sides, and both clocks right?"
             )
         if self._autopilots and self._wanted is not None:
             listed = ", ".join(map(str, sorted(self._autopilots)))

@@ -1,5 +1,7 @@
 """What the link asks the vehicle for by itself, once a second: streams, origin, home, version."""
 
+import math
+
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.link import messages
@@ -10,6 +12,8 @@ from companion.link.telemetry import Telemetry
 from companion.vehicle import EventKind, Severity, VehicleEvent
 
 _PERIOD_S = 1.0
+_TELL_REFUSED_S = 10.0
+"""A neighbour who does not sign is told of this often."""
 
 
 class Housekeeping:
@@ -29,6 +33,8 @@ class Housekeeping:
         self._system_id = system_id
         self._telemetry = telemetry
         self._send_errors_told = 0
+        self._refused_told = 0
+        self._refused_told_s = -math.inf
         self.rates = RateMeter(heard_since_s)
         self.due_s = connection.now()
         """When ``advance`` has something to do."""
@@ -46,7 +52,11 @@ class Housekeeping:
         self._ask_for_messages()
         if self.rates.turn(now_s):
             self._ask_for_streams(now_s)
-        return self._telemetry.overdue_texts(now_s) + self._tell_send_errors(now_s)
+        return [
+            *self._telemetry.overdue_texts(now_s),
+            *self._tell_send_errors(now_s),
+            *self._tell_refused(now_s),
+        ]
 
     def _ask_for_messages(self) -> None:
         telemetry = self._telemetry
@@ -72,4 +82,15 @@ class Housekeeping:
             return []
         self._send_errors_told = self._connection.send_errors
         text = f"{count} packets could not be sent in the last second"
+        return [VehicleEvent(now_s, EventKind.LINK_ERROR, text, Severity.WARNING)]
+
+    def _tell_refused(self, now_s: float) -> list[VehicleEvent]:
+        signing = self._connection.signing
+        count = self._connection.packets_refused
+        if signing is None or count == self._refused_told:
+            return []
+        if now_s - self._refused_told_s < _TELL_REFUSED_S:
+            return []
+        self._refused_told, self._refused_told_s = count, now_s
+        text = f"packets dropped on the signed link so far: {signing.refused_in_words()}"
         return [VehicleEvent(now_s, EventKind.LINK_ERROR, text, Severity.WARNING)]

@@ -130,6 +130,10 @@ class Signing:
         self.refused[fault] += 1
         return False
 
+    def refused_in_words(self) -> str:
+        """Return what was dropped and why, ``3 not signed, 1 signed with another key``."""
+        return ", ".join(f"{count} {fault}" for fault, count in self.refused.items() if count)
+
     def _fault(self, frame: bytes, now_s: float) -> Fault | None:
         if frame[0] != _MAGIC_V2 or not frame[2] & _SIGNED:
             return None if _is_radio_status(frame) else Fault.UNSIGNED

@@ -4,7 +4,6 @@ Everything runs in the caller's thread, inside ``wait_until``. Nothing is sent b
 lives on when the caller hangs: when the loop stops, the stream and the heartbeat stop.
 """
 
-import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -20,6 +19,7 @@ from companion.link.housekeeping import Housekeeping
 from companion.link.inbox import Inbox
 from companion.link.parameters import ParameterReader
 from companion.link.requests import Requests
+from companion.link.route import Route
 from companion.link.statustext import encode_text
 from companion.link.targets import Targets
 from companion.link.telemetry import Telemetry
@@ -41,9 +41,6 @@ COMPONENT_ID = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 """191, as the companion names itself beside the vehicle's own system id."""
 
 _AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
-_SILENT_S = 2.0
-"""A vehicle silent for this long at one address may be heard at another."""
-_TELL_AGAIN_S = 1.0
 _MAX_EVENTS = 1000
 _PARAM_RETRY_S = 0.7
 
@@ -56,16 +53,13 @@ class MavlinkVehicle:
         self._system_id = found.system_id
         self._autopilot = found.autopilot
         connection.codec.become(found.system_id)
-        connection.reply_to(found.peer)
-        self._peer = found.peer
-        self._peer_heard_s = -math.inf
-        self._rival_told_s = -math.inf
         self._telemetry = Telemetry(found.autopilot)
         self._targets = Targets(target_sysids)
         self._inbox = Inbox(connection, found.system_id, self._telemetry)
         self._requests = Requests(connection, found.autopilot, found.system_id, self._telemetry)
         self._parameters = ParameterReader(connection.codec, found.autopilot)
         self._events: deque[VehicleEvent] = deque(maxlen=_MAX_EVENTS)
+        self._route = Route(connection, found.system_id, found.peer, self._events.append)
         self._started_s = connection.now()
         self._housekeeping = Housekeeping(
             connection,
@@ -254,7 +248,7 @@ class MavlinkVehicle:
         return min(self._requests.due_s, self._housekeeping.due_s)
 
     def _take(self, peer: Peer, received: Received) -> None:
-        if self._is_of_vehicle(peer, received):
+        if self._route.carries(peer, received):
             self._packets_received += 1
             self._housekeeping.rates.count(received.message_id)
             self._take_from_autopilot(received)
@@ -265,31 +259,6 @@ class MavlinkVehicle:
         else:
             self._packets_foreign += 1
         self._events.extend(self._inbox.take(received))
-
-    def _is_of_vehicle(self, peer: Peer, received: Received) -> bool:
-        """Judge by the ids, and by the address as long as the vehicle speaks from one.
-
-        Two vehicles with the same system id on one port must never be mixed; a vehicle that
-        fell silent may come back from another address.
-        """
-        if (received.system_id, received.component_id) != (self._system_id, _AUTOPILOT):
-            return False
-        now_s = received.time_s
-        if peer != self._peer:
-            if now_s - self._peer_heard_s <= _SILENT_S:
-                self._tell_rival(peer, now_s)
-                return False
-            self._peer = peer
-            self._connection.reply_to(peer)
-        self._peer_heard_s = now_s
-        return True
-
-    def _tell_rival(self, peer: Peer, now_s: float) -> None:
-        if now_s - self._rival_told_s < _TELL_AGAIN_S:
-            return
-        self._rival_told_s = now_s
-        text = f"another vehicle with system id {self._system_id} speaks from {peer}; ignored"
-        self._events.append(VehicleEvent(now_s, EventKind.LINK_ERROR, text, Severity.CRITICAL))
 
     def _take_from_autopilot(self, received: Received) -> None:
         now_s = received.time_s

@@ -132,7 +132,11 @@ def test_nobody_without_the_key_is_heard(signed):
     assert pilot.state.mode is FlightMode.EXTERNAL
     assert pilot.state.system_status is flying.system_status
     assert not pilot.vehicle.targets()
-    assert {event.kind for event in pilot.events} <= {EventKind.STATUS_TEXT}
+    pilot.fly(lambda: pilot.heard(EventKind.LINK_ERROR), velocity=np.zeros(3))
+    assert {event.kind for event in pilot.events} <= {
+        EventKind.STATUS_TEXT,
+        EventKind.LINK_ERROR,
+    }
     assert end.refused == 0
 
     holder = signer(KEY)

@@ -228,3 +228,17 @@ def test_discovery_says_what_was_dropped(bench):
         bench.autopilot.heartbeat()
     with pytest.raises(LinkLostError, match="4 not signed; same key on both sides"):
         bench.attach(signing_key=KEY, timeout_s=1.0)
+
+
+def test_a_neighbour_who_does_not_sign_is_counted_and_told_of_now_and_then(bench):
+    theirs = partner(stamp=stamp_at(datetime.now(UTC)))
+    bench.transport.deliver(heartbeat(theirs))
+    vehicle = bench.attach(signing_key=KEY)
+    for _ in range(15):
+        bench.autopilot.heartbeat()
+        bench.run(1.0)
+    told = [event.text for event in vehicle.take_events()]
+    first, second = told
+    assert first == "packets dropped on the signed link so far: 1 not signed"
+    assert second != first
+    assert vehicle.stats().packets_refused == 16
