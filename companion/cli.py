@@ -1,6 +1,7 @@
 """The ``companion`` command: options in, one line of error out, exit codes as in ``errors``."""
 
 import logging
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -88,7 +89,13 @@ class ActorsArgs:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the command line and exit with the code of ``companion.errors``."""
-    sys.exit(_main(list(sys.argv[1:] if argv is None else argv)))
+    try:
+        code = _main(list(sys.argv[1:] if argv is None else argv))
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader, head or less, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 0
+    sys.exit(code)
 
 
 def _main(argv: list[str]) -> int:
