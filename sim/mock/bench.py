@@ -179,10 +179,13 @@ class Bench:
 
     def texts(self, *, link: int = 0) -> list[str]:
         """Return the texts on a link, their chunks joined."""
-        texts: dict[int, str] = {}
+        texts: list[str] = []
         for message in self.all("STATUSTEXT", link=link):
-            texts[message.id] = texts.get(message.id, "") + message.text
-        return [text.rstrip("\t") for text in texts.values()]
+            if message.chunk_seq > 0:
+                texts[-1] += message.text
+            else:
+                texts.append(message.text)
+        return [text.rstrip("\t") for text in texts]
 
     def velocity(self, north: float, east: float, down: float) -> Callable[[], Any]:
         """Return a stream of velocity setpoints (LOCAL_NED, mask 0xDC7)."""

@@ -102,8 +102,9 @@ class Channel(ABC):
     def tell(self, now_s: float, texts: list[tuple[int, str]]) -> None:
         """Queue texts of the autopilot as (severity, text)."""
 
+    @abstractmethod
     def show_changes(self, autopilot: Autopilot) -> None:
-        """Queue what is shown at once when a message has been obeyed; by default nothing."""
+        """Queue what is shown at once when a message has been obeyed."""
 
     @abstractmethod
     def _send_others(self, autopilot: Autopilot) -> None:

@@ -21,6 +21,7 @@ class Response:
     """How fast the vehicle follows; fitted to PX4 SIH (2 m/s step: 1.4 m/s after 1.5 s)."""
 
     velocity_lag_s: float = 0.5
+    climb_lag_s: float = 0.5
     attitude_lag_s: float = 0.15
     """Time the airframe needs to tilt; gives the step its soft start."""
     acceleration_xy_mps2: float = 3.0
@@ -131,9 +132,12 @@ class PointMass:
             reach * velocity_mps[1] + drift_mps[1],
             velocity_mps[2] + drift_mps[2],
         )
+        lags_s = (response.velocity_lag_s, response.velocity_lag_s, response.climb_lag_s)
         north, east, down = (
-            (goal - now) / response.velocity_lag_s + extra
-            for goal, now, extra in zip(want, self.velocity_mps, feedforward_mps2, strict=True)
+            (goal - now) / lag_s + extra
+            for goal, now, lag_s, extra in zip(
+                want, self.velocity_mps, lags_s, feedforward_mps2, strict=True
+            )
         )
         horizontal = math.hypot(north, east)
         if horizontal > response.acceleration_xy_mps2:

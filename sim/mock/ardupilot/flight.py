@@ -16,7 +16,7 @@ BRAKE_S = 1.4
 """BRAKE lets the speed decay with this time constant (recorded: 2.75 m from 2 m/s)."""
 STOP_S = 1.0
 """RTL climbs where the vehicle can stop: 1/PSC_POSXY_P ahead of it."""
-LAND_GAIN_PER_S = 1.2
+LAND_GAIN_PER_S = 1.0
 SLOW_MPS = 0.15
 """Below this speed a stopped vehicle begins to hold its place."""
 REACHED_M = 0.3

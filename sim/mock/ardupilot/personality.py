@@ -19,6 +19,7 @@ ARDUPILOT = Personality(
     home=GeoPoint(-35.3632610, 149.1652299, 584.09),
     response=Response(
         velocity_lag_s=0.6,
+        climb_lag_s=0.35,
         attitude_lag_s=0.2,
         acceleration_xy_mps2=2.0,
         acceleration_up_mps2=1.1,

@@ -53,6 +53,9 @@ class Px4Channel(Channel):
         self._next_text_s = self._ping_due_s = 0.0
         self._gcs_heard_s = -math.inf
 
+    def show_changes(self, autopilot: Autopilot) -> None:
+        """Queue nothing: PX4 shows every change in the next HEARTBEAT."""
+
     def _send_others(self, autopilot: Autopilot) -> None:
         now_s = autopilot.now_s
         # Origin and home are sent when they change (P19).
