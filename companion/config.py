@@ -15,7 +15,7 @@ import yaml
 
 from companion.arrays import FloatArray
 from companion.errors import UsageError
-from companion.mock_process import MOCK_PREFIX
+from companion.mock_process import MOCK_PREFIX, MOCKS
 from companion.world.frames import GeoPoint
 
 DEFAULT_ACTOR = "paper-free"
@@ -28,7 +28,8 @@ class SiteConfig:
 
     connect: str = ""
     """Where the vehicle is: udp:HOST:PORT (listen), udpout:HOST:PORT, tcp:HOST:PORT,
-    serial:DEVICE:BAUD, or mock:px4 to start the built-in mock vehicle."""
+    serial:DEVICE:BAUD, or mock:px4 or mock:ardupilot to start the built-in mock
+    vehicle."""
     map: str = "free"
     """Map file, or the name of a bundled map."""
     vehicle_sysid: int | None = None
@@ -59,8 +60,8 @@ class SiteConfig:
         """
         if not self.connect:
             raise UsageError("--connect is missing, for example --connect udp:0.0.0.0:14540")
-        if self.connect.startswith(MOCK_PREFIX) and self.connect != "mock:px4":
-            raise UsageError(f"--connect {self.connect}: the built-in mock vehicle is mock:px4")
+        if self.connect.startswith(MOCK_PREFIX) and self.connect not in MOCKS:
+            raise UsageError(f"--connect {self.connect}: there is {' and '.join(MOCKS)}")
         if self.connect.startswith(MOCK_PREFIX) and self.signing_key is not None:
             raise UsageError("--signing-key: the built-in mock vehicle does not sign")
         _check_range("--v-max", self.v_max, V_MAX_LOW_MPS, 20.0, "m/s")

@@ -1,4 +1,4 @@
-"""``--connect mock:px4``: the built-in mock vehicle as a process of its own.
+"""``--connect mock:px4`` or ``mock:ardupilot``: the built-in mock vehicle as a process of its own.
 
 The mock is another program that happens to be installed with us: it is started by name, spoken
 to over loopback UDP, and knows nothing of our codec.
@@ -14,13 +14,14 @@ from contextlib import contextmanager
 from companion.errors import LinkOpenError
 
 MOCK_PREFIX = "mock:"
+MOCKS = ("mock:px4", "mock:ardupilot")
 _STOP_S = 3.0
 _LOG = logging.getLogger("companion")
 
 
 @contextmanager
 def link_url(connect: str, map_path: str, target_sysid: int | None) -> Iterator[str]:
-    """Yield the URL to connect to; ``mock:px4`` starts a vehicle for it that ends with us.
+    """Yield the URL to connect to; one of ``MOCKS`` starts a vehicle that ends with us.
 
     Raises:
         LinkOpenError: If the mock vehicle cannot be started.
@@ -39,7 +40,7 @@ def mock_vehicle(autopilot: str, map_path: str, target_sysid: int | None) -> Ite
     """Start a mock vehicle that calls us, and stop it at the end.
 
     Args:
-        autopilot: The personality, ``px4``.
+        autopilot: The personality, ``px4`` or ``ardupilot``.
         map_path: Map file or bundled name, for the mock's own contact referee.
         target_sysid: A second system that wanders through the map, if one is to be pursued.
 
