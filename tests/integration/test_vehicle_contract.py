@@ -131,6 +131,7 @@ def test_one_call_is_one_frame_and_silence_is_silence(vehicle, backend):
     assert pilot.ask(RequestKind.HOLD) is RequestState.CONFIRMED
 
     pilot.vehicle.close()
+    clock.sleep_s(0.2)  # what was on its way arrives
     before = len(sent)
     clock.sleep_s(1.5)
     assert sent[before:] == []
