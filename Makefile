@@ -8,7 +8,7 @@ help:
 	@echo "make demo       install, then watch a trained actor fly the mock vehicle"
 	@echo "make test       install, then lint, types, import borders and tests"
 	@echo "make test-slow  the suites that take minutes"
-	@echo "make bench      measure, into tests/benchmarks/RESULTS.md"
+	@echo "make bench      measure; the results so far are in tests/benchmarks/RESULTS.md"
 
 .venv/pip.stamp:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed")'
@@ -54,6 +54,7 @@ test-slow: .venv/dev.stamp
 bench: .venv/dev.stamp
 	$(BIN)/python -m pytest tests/benchmarks -o addopts=--import-mode=importlib --benchmark-only \
 	    --benchmark-columns=median,iqr,ops
+	$(BIN)/python tests/benchmarks/loop.py
 
 clean:
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis dist build
