@@ -7,12 +7,12 @@ as an argument, so a test flies hundreds of flights on a virtual clock.
 
 Read in this order:
 
-* ``dynamics``: the point mass; ``modes``, ``parameters``, ``setpoints``: PX4's vocabulary;
-* ``px4``: arming and modes; ``failsafe``, ``ground``, ``health``, ``estimator``, ``pilot``: what
-  it watches; ``flight``: what each mode makes the vehicle do;
-* ``incoming``, ``commands``: requests and their answers; ``telemetry``, ``housekeeping``,
-  ``undecodable``, ``streams``: messages and their rates; ``channel``: one link;
-* ``vehicle``: all of it together, with ``placement`` on a map, ``targets``, a ``referee``,
-  ``faults`` and ``wire``, what is wrong with a link;
+* ``dynamics``: the point mass; ``estimator``, ``geodesy``, ``pilot``, ``health``,
+  ``parameters``, ``setpoints``: what every autopilot has; ``autopilot``: all of it together;
+* ``telemetry``, ``streams``, ``commands``, ``incoming``, ``channel``: what every autopilot does
+  with messages; ``personality``: what makes one of them;
+* ``px4`` and ``ardupilot``: the two personalities, each with a reading order of its own;
+* ``vehicle``: an autopilot and its links, with ``placement`` on a map, ``targets``, a
+  ``referee``, ``faults`` and ``wire``, what is wrong with a link;
 * ``bench``: the same in process, on a virtual clock; ``sockets``, ``process``, ``cli``: the shell.
 """

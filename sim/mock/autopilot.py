@@ -1,6 +1,5 @@
 """What every autopilot of the mock has, whoever made it: a body, beliefs, a pilot, texts."""
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -76,7 +75,6 @@ class Autopilot(ABC):
         self.home_true_m: Vector | None = None
         self.home_count = 0
         """Rises whenever HOME_POSITION changes."""
-        self.setpoint_time_s = -math.inf
         self.setpoints_received = 0
         self.setpoints_outside_offboard = 0
         self.setpoints_refused = 0

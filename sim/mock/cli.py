@@ -24,22 +24,31 @@ from sim.mock.targets import parse_target
 from sim.mock.vehicle import MockVehicle, Settings
 
 DESCRIPTION = """\
-A MAVLink autopilot that is not there: it boots, arms, flies, refuses and fails as PX4 1.18 does,
-on UDP or TCP, without a simulator. Rates, answers, texts and delays are those measured on PX4
-SITL; what a real autopilot refuses is refused here.
+A MAVLink autopilot that is not there: it boots, arms, flies, refuses and fails as PX4 1.18 or
+ArduCopter 4.6.3 does, on UDP or TCP, without a simulator. Rates, answers, texts and delays are
+those measured on their simulators; what a real autopilot refuses is refused here.
 """
 
 EPILOG = """\
+personalities  --autopilot
+  px4        streams by itself; wants a setpoint stream before OFFBOARD and before arming there;
+             a stream lost for 1 s is a failsafe
+  ardupilot  sends HEARTBEAT alone until asked (REQUEST_DATA_STREAM, SET_MESSAGE_INTERVAL);
+             GUIDED, arm, NAV_TAKEOFF, and no stream before the climb is over; a stream lost for
+             3 s brakes it, and nothing says so
+
 links
   udpout:HOST:PORT  calls, as PX4 SITL does: the other side listens
   udpin:HOST:PORT   listens, and answers everyone who calls (udp: means the same)
   tcpin:HOST:PORT   waits for one client;  tcp:HOST:PORT calls one
-  A link on port 14550 has the rates of PX4's ground-station port, any other those of the
-  onboard port (about 430 messages a second). STATUSTEXT goes only to links on which a
-  HEARTBEAT of type GCS was heard. Heartbeats and messages for others are passed on.
+  px4: a link on port 14550 has the rates of its ground-station port, any other those of the
+  onboard port (about 430 messages a second), and STATUSTEXT goes only to links on which a
+  HEARTBEAT of type GCS was heard. ardupilot: all links are alike, and all get texts.
+  Heartbeats and messages for others are passed on.
 
 identity
-  system 1, component 1. Requests to other ids meet silence, unknown commands UNSUPPORTED.
+  system 1, component 1. Requests to other systems meet silence, those to other components
+  silence (px4) or an answer (ardupilot); unknown commands UNSUPPORTED.
 
 targets  --target kind=waypoints,sysid=42,...
   kind=static|straight|circle|waypoints   message=gpi|follow (GLOBAL_POSITION_INT, FOLLOW_TARGET)
@@ -49,20 +58,23 @@ targets  --target kind=waypoints,sysid=42,...
   2 m clear of obstacles.
 
 faults  --fault t=SECONDS,kind=KIND[,from=start|arm|offboard][,for=SECONDS][,key=value...]
+  offboard is when setpoints begin to fly it: in OFFBOARD, or in GUIDED after the take-off.
 {kinds}
 
 report  --report FILE, written at the end as JSON
   contacts (time, place, speed), min_clearance_m, left_map, distance_flown_m, max_speed_mps,
   setpoints_received, setpoints_outside_offboard, setpoints_refused, setpoints_by_sender,
-  setpoints_after_mode_shown (sent although a HEARTBEAT had shown that OFFBOARD is over: 0 or 1
-  for a good companion), timeline of modes. A contact is also logged here and sent as STATUSTEXT
-  and NAMED_VALUE_INT "contacts".
+  setpoints_after_mode_shown (sent although a HEARTBEAT had shown that OFFBOARD or GUIDED is
+  over: 0 or 1 for a good companion), timeline of modes. A contact is also logged here and sent
+  as STATUSTEXT and NAMED_VALUE_INT "contacts".
 
 examples
   The companion:      companion mock --connect udpout:127.0.0.1:14540 --map env1
                       companion run --connect udpin:127.0.0.1:14540 --map env1 ...
   MAVSDK:             companion mock --connect udpout:127.0.0.1:14540
                       then connect MAVSDK to udpin://0.0.0.0:14540
+  MAVProxy:           companion mock --autopilot ardupilot --connect udpout:127.0.0.1:14550
+                      mavproxy.py --master=udpin:127.0.0.1:14550
   QGroundControl:     companion mock --connect udpout:127.0.0.1:14550
   Both at once:       --connect udpout:127.0.0.1:14540 --connect udpout:127.0.0.1:14550
   A pilot who takes over 5 s after OFFBOARD, on a bad radio:
@@ -114,8 +126,8 @@ def _fly(options: argparse.Namespace) -> int:
     try:
         for address, url in zip(addresses, options.connect, strict=True):
             links.append(open_link(address))
-            rates = "ground-station" if address.ground else "onboard"
-            print(f"mock: {personality.name}, system 1, on {url} ({rates} rates)", flush=True)
+            rates = personality.rates_of(address.ground)
+            print(f"mock: {personality.name}, system 1, on {url} ({rates})", flush=True)
         run(vehicle, links, speed=options.speed, stop=stop)
     finally:
         for link in links:
@@ -211,7 +223,7 @@ def _parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     add = parser.add_argument
-    add("--autopilot", default="px4", metavar="NAME", help="personality: px4")
+    add("--autopilot", default="px4", metavar="NAME", help="personality: px4 or ardupilot (px4)")
     add(
         "--connect",
         action="append",
@@ -223,14 +235,14 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--home",
         metavar="LAT,LON,ALT",
-        help=f"where it boots, degrees and metres AMSL ({PX4.home.latitude_deg},"
-        f"{PX4.home.longitude_deg}, on the ground of the map)",
+        help="where it boots, degrees and metres AMSL (that of its simulator; on a map with a "
+        "place on earth, that of PX4's on the ground)",
     )
     add("--target", action="append", default=[], metavar="SPEC", help="another system; see below")
     add("--fault", action="append", default=[], metavar="SPEC", help="what goes wrong; see below")
     add("--radio", action="store_true", help="a pilot with a transmitter, sticks centred")
     add("--boot-s", type=float, default=1.5, metavar="S",
-        help="from start to ready to arm (1.5; PX4 SITL takes 4.6)")  # fmt: skip
+        help="from start to ready to arm (1.5; PX4 SITL takes 4.6, ArduPilot 41.6)")  # fmt: skip
     add("--shortfall", type=float, default=0.0, metavar="X",
         help="share of a horizontal velocity never reached (0; PX4 SIH 0.16)")  # fmt: skip
     add("--wind", default="0,0", metavar="N,E", help="wind velocity in m/s (0,0)")

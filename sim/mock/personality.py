@@ -23,6 +23,8 @@ class Personality:
     """Switches one on."""
     open_channel: Callable[[bool], Channel]
     """Opens a link; the argument says whether it has ground-station rates."""
+    rates_of: Callable[[bool], str]
+    """What a link sends unasked, in words; the argument is the same."""
     handlers: Mapping[str, Handler]
     """What it does with messages, by their names."""
     is_for_us: Callable[[Any, Collection[tuple[int, int]]], bool]

@@ -178,6 +178,24 @@ def test_pymavlink_arms_and_takes_off_on_every_transport(start, connect, kind):
     hear(link, "LOCAL_POSITION_NED", condition=lambda m: m.z < -4.0)
 
 
+def test_pymavlink_flies_ardupilot_after_asking_for_streams(start, connect):
+    port = free_port(socket.SOCK_STREAM)
+    process = start(
+        *("--autopilot", "ardupilot", "--connect", f"tcpin:127.0.0.1:{port}", "--speed", "4")
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline().endswith("(HEARTBEAT until asked)\n")
+    link = connect(f"tcp:127.0.0.1:{port}")
+    heartbeat = hear(link, "HEARTBEAT", condition=lambda m: m.system_status == 3)
+    assert (heartbeat.autopilot, heartbeat.custom_mode) == (3, 0)
+    link.mav.request_data_stream_send(1, 1, 6, 10, 1)
+    hear(link, "LOCAL_POSITION_NED")
+    assert command(link, 176, 1, 4) == 0
+    assert command(link, 400, 1.0) == 0
+    assert command(link, 22, 0, 0, 0, 0, 0, 0, 5.0) == 0
+    hear(link, "LOCAL_POSITION_NED", condition=lambda m: m.z < -4.5)
+
+
 def test_two_links_share_heartbeats_and_texts_go_where_a_ground_station_is(start, connect):
     onboard, ground = free_port(), free_port()
     urls = [f"udpout:127.0.0.1:{port}" for port in (onboard, ground)]

@@ -4,17 +4,18 @@ Rule numbers (A1, A2, ...) are those of the protocol notes this personality was 
 every one is a named test in ``tests/unit/test_mock_ardupilot.py``.
 """
 
-import math
 from types import MappingProxyType
 
 from companion.world.frames import GeoPoint
 from sim.mock.ardupilot import boot
-from sim.mock.ardupilot.estimator import INITIALISED_S, PREARM_S, CopterEstimator
+from sim.mock.ardupilot.checks import arming_problem, mode_problem
+from sim.mock.ardupilot.estimator import INITIALISED_S, CopterEstimator
 from sim.mock.ardupilot.failsafe import Failsafes, Situation
 from sim.mock.ardupilot.flight import Flight, Guided
 from sim.mock.ardupilot.ground import DISARM_S, Ground
 from sim.mock.ardupilot.modes import NUMBERS, Mode, find_mode
 from sim.mock.ardupilot.parameters import CopterParameters
+from sim.mock.ardupilot.steering import Steering
 from sim.mock.autopilot import (
     ACTIVE,
     BOOTING,
@@ -53,7 +54,7 @@ class ArduCopter(Autopilot):
         self.failsafes = Failsafes(self.parameters, self.say)
         self.flight = Flight(self.body, self.estimator, self.parameters)
         self.ground = Ground()
-        self.setpoint: Setpoint | None = None
+        self.steering = Steering(self.flight, self.ground, self.estimator, self.parameters)
         self._story = boot.BootStory(estimator)
         self._mode = Mode.STABILIZE
         self._controlled_s = 0.0
@@ -80,7 +81,7 @@ class ArduCopter(Autopilot):
     @property
     def steered(self) -> bool:
         """Whether setpoints fly it: in the air in GUIDED, after the first one."""
-        return self.armed and self.mode is Mode.GUIDED and self.setpoint is not None
+        return self.armed and self.mode is Mode.GUIDED and self.steering.setpoint is not None
 
     @property
     def failsafe_words(self) -> str | None:
@@ -133,7 +134,12 @@ class ArduCopter(Autopilot):
             return False
         if mode is self._mode:
             return True
-        problem = self._mode_problem(mode, by_gcs=by_gcs)
+        problem = mode_problem(
+            mode,
+            blocked=int(self.parameters.number("FLTMODE_GCSBLOCK")) if by_gcs else 0,
+            armed=self.armed,
+            position_good=self.position_good,
+        )
         if mode is None or problem is not None:
             name = f"mode {number}" if mode is None else mode.name
             self.say(WARNING, f"Mode change to {name} failed: {problem}")
@@ -171,7 +177,7 @@ class ArduCopter(Autopilot):
         if not (self.armed and self.landed and self.mode is Mode.GUIDED and altitude_m > 0.0):
             return False
         self.flight.take_off(altitude_m)
-        self.setpoint = None
+        self.steering.setpoint = None
         self.ground.take_off(self.now_s)
         return True
 
@@ -180,7 +186,7 @@ class ArduCopter(Autopilot):
         if not self.request_mode(Mode.GUIDED.value):
             return False
         target_m = self.estimator.from_geodetic(point)
-        self._follow(Setpoint(self.estimator.to_local(target_m)))
+        self.steering.follow(self.now_s, Setpoint(self.estimator.to_local(target_m)))
         return True
 
     def receive_setpoint(self, setpoint: Setpoint | None) -> None:
@@ -193,7 +199,7 @@ class ArduCopter(Autopilot):
             return
         if setpoint is None:
             self.setpoints_refused += 1
-        self._follow(setpoint)
+        self.steering.follow(self.now_s, setpoint)
 
     def choose_mode(self, name: str, *, by_pilot: bool) -> None:
         """Let the pilot's switch or a ground station choose a mode by its name."""
@@ -241,8 +247,9 @@ class ArduCopter(Autopilot):
         self.flight.home_true_m = self.home_true_m or ZERO
         flying = self.ground.airborne(self.now_s)
         if self.mode is Mode.GUIDED:
-            self._steer()
-        demand = self.flight.demand(self.mode, self.now_s, self.setpoint, self.pilot.sticks)
+            self.steering.steer(self.now_s)
+        setpoint = self.steering.setpoint
+        demand = self.flight.demand(self.mode, self.now_s, setpoint, self.pilot.sticks)
         drift = self.wind.drift_ned_mps(dt_s)
         if flying:
             self.body.fly(demand.velocity_mps, dt_s, drift_mps=drift)
@@ -259,64 +266,17 @@ class ArduCopter(Autopilot):
         ):
             self.disarm()
 
-    def _steer(self) -> None:
-        """Turn the newest setpoint into what GUIDED follows; an old velocity is zero (A6)."""
-        setpoint = self.setpoint
-        if setpoint is None or self.flight.guided is Guided.TAKEOFF:
-            return
-        timeout_s = max(0.1, self.parameters.number("GUID_TIMEOUT"))
-        fresh = self.now_s - self.setpoint_time_s <= timeout_s
-        finite = all(map(math.isfinite, setpoint.velocity_mps))
-        self.flight.velocity_mps = setpoint.velocity_mps if fresh and finite else ZERO
-        if self.flight.velocity_mps != ZERO:
-            self.flight.hold_true_m = None
-        if self.flight.guided is Guided.POSITION:
-            self.flight.target_true_m = self.estimator.to_true(setpoint.position_m)
-        if not fresh and math.isfinite(setpoint.yaw_rate_radps):
-            self.setpoint = Setpoint(setpoint.position_m, setpoint.velocity_mps)
-
-    def _follow(self, setpoint: Setpoint | None) -> None:
-        """Begin to follow a setpoint, whatever GUIDED did before: a take-off ends (A9)."""
-        self.setpoint, self.setpoint_time_s = setpoint, self.now_s
-        if self.flight.guided is Guided.TAKEOFF:
-            self.ground.cancel_take_off()
-            self.flight.hold_true_m = None
-        if setpoint is None:
-            self.flight.stop()
-        else:
-            has_position = all(map(math.isfinite, setpoint.position_m))
-            self.flight.guided = Guided.POSITION if has_position else Guided.VELOCITY
-
     def _enter(self, mode: Mode) -> None:
         self._mode = mode
-        self.setpoint = None
+        self.steering.setpoint = None
         self.ground.cancel_take_off()
         self.flight.home_true_m = self.home_true_m or ZERO
         self.flight.enter(mode, self.now_s)
         if mode not in (Mode.STABILIZE, Mode.ALT_HOLD):
             self._controlled_s = self.now_s
 
-    def _mode_problem(self, mode: Mode | None, *, by_gcs: bool) -> str | None:
-        if mode is None:
-            return "init failed"
-        if by_gcs and int(self.parameters.number("FLTMODE_GCSBLOCK")) & mode.block_bit:
-            return "GCS entry disabled (FLTMODE_GCSBLOCK)"
-        if not self.armed:
-            return None
-        if mode.requires_position and not self.position_good:
-            return "requires position"
-        return "init failed" if mode is Mode.AUTO else None  # no mission is ever loaded
-
     def _arming_problem(self) -> str | None:
-        if not self.initialised:
-            return "System not initialised"
-        if not self.mode.allows_arming:
-            return f"{self.mode.name} mode not armable"
-        if self.mode.requires_position and not self.estimator.ready(self.now_s):
-            return "Need Position Estimate"
-        if self.now_s < self.estimator.at(PREARM_S):
-            return "AHRS: waiting for home"
-        return None
+        return arming_problem(self.estimator, self.now_s, self.mode, initialised=self.initialised)
 
     def _watch_position_controller(self) -> None:
         """Note when it runs; RTL stands still before arming, LAND may go without (recorded)."""

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 from enum import Enum, auto
 
+from sim.mock.ardupilot.controllers import avoid_fence, heading_rate, toward
 from sim.mock.ardupilot.modes import Mode
-from sim.mock.ardupilot.steering import avoid_fence, heading_rate, toward
 from sim.mock.dynamics import ZERO, PointMass, Vector
 from sim.mock.estimator import Estimator, add, subtract
 from sim.mock.parameters import Parameters

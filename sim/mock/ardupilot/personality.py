@@ -13,6 +13,7 @@ ARDUPILOT = Personality(
     kind=ArduCopter,
     build=ArduCopter,
     open_channel=lambda ground: CopterChannel(),
+    rates_of=lambda ground: "HEARTBEAT until asked",
     handlers=HANDLERS,
     is_for_us=is_for_us,
     projection=FlatProjection,

@@ -1,72 +1,58 @@
-"""Pieces of ArduCopter's controllers: nearing a point, turning the nose, keeping off the fence."""
+"""The setpoints that GUIDED follows: the newest one, and how long it is good for."""
 
 import math
+from dataclasses import dataclass
 
-from sim.mock.ardupilot.failsafe import FENCE_CIRCLE
-from sim.mock.dynamics import PointMass, Vector, wrap_pi
-from sim.mock.estimator import subtract
+from sim.mock.ardupilot.flight import Flight, Guided
+from sim.mock.ardupilot.ground import Ground
+from sim.mock.dynamics import ZERO
+from sim.mock.estimator import Estimator
 from sim.mock.parameters import Parameters
 from sim.mock.setpoints import Setpoint
 
-APPROACH_XY_MPS2 = 1.5
-APPROACH_Z_MPS2 = 0.55
-"""Decelerations when nearing a point, fitted to recorded returns and take-offs."""
-GAIN_XY_PER_S, GAIN_Z_PER_S = 1.0, 0.7
-YAW_GAIN_PER_S = 4.0
-LOOK_AHEAD_MPS = 0.95
-"""Slower than this the nose stays; ArduPilot says 1 m/s, and 1 m/s eastward turned it."""
-AVOID_USES_FENCE = 1
-AVOID_MPS2 = 1.0
+SHORTEST_TIMEOUT_S = 0.1
 
 
-def toward(point_m: Vector, here_m: Vector, speed_mps: float) -> Vector:
-    """Return the velocity that nears ``point_m`` and stops there."""
-    north, east, down = subtract(point_m, here_m)
-    distance = math.hypot(north, east)
-    level = min(speed_mps, _braked(distance, APPROACH_XY_MPS2, GAIN_XY_PER_S))
-    share = level / distance if distance > 0.0 else 0.0
-    vertical = math.copysign(_braked(abs(down), APPROACH_Z_MPS2, GAIN_Z_PER_S), down)
-    return north * share, east * share, vertical
+@dataclass(slots=True)
+class Steering:
+    """Turns setpoints into what ``flight`` does in GUIDED."""
 
+    flight: Flight
+    ground: Ground
+    estimator: Estimator
+    parameters: Parameters
+    setpoint: Setpoint | None = None
+    _received_s: float = -math.inf
 
-def heading_rate(body: PointMass, setpoint: Setpoint | None, slew_radps: float) -> float:
-    """Return how fast to turn: as asked, or into the direction of travel where yaw is free."""
-    wanted = math.nan
-    if setpoint is not None:
-        if math.isfinite(setpoint.yaw_rate_radps):
-            return max(-slew_radps, min(slew_radps, setpoint.yaw_rate_radps))
-        wanted = setpoint.yaw_rad
-    north, east, _ = body.velocity_mps
-    if not math.isfinite(wanted):
-        if setpoint is None or math.hypot(north, east) < LOOK_AHEAD_MPS:
-            return 0.0
-        wanted = math.atan2(east, north)
-    rate = YAW_GAIN_PER_S * wrap_pi(wanted - body.yaw_rad)
-    return max(-slew_radps, min(slew_radps, rate))
+    def follow(self, now_s: float, setpoint: Setpoint | None) -> None:
+        """Begin to follow a setpoint, whatever GUIDED did before: a take-off ends (A9).
 
+        Args:
+            now_s: Time.
+            setpoint: ``None`` is one that made no sense: it stops the vehicle.
+        """
+        self.setpoint, self._received_s = setpoint, now_s
+        if self.flight.guided is Guided.TAKEOFF:
+            self.ground.cancel_take_off()
+            self.flight.hold_true_m = None
+        if setpoint is None:
+            self.flight.stop()
+        else:
+            has_position = all(map(math.isfinite, setpoint.position_m))
+            self.flight.guided = Guided.POSITION if has_position else Guided.VELOCITY
 
-def avoid_fence(
-    velocity_mps: Vector, here_m: Vector, home_m: Vector, parameters: Parameters
-) -> Vector:
-    """Slow down before the circle fence (A8): AVOID_ENABLE guards velocity setpoints too."""
-    if not (
-        parameters.number("FENCE_ENABLE")
-        and int(parameters.number("FENCE_TYPE")) & FENCE_CIRCLE
-        and int(parameters.number("AVOID_ENABLE")) & AVOID_USES_FENCE
-    ):
-        return velocity_mps
-    north, east, down = velocity_mps
-    out_north, out_east, _ = subtract(here_m, home_m)
-    distance = math.hypot(out_north, out_east)
-    if distance == 0.0:
-        return velocity_mps
-    out_north, out_east = out_north / distance, out_east / distance
-    outward = north * out_north + east * out_east
-    room = parameters.number("FENCE_RADIUS") - parameters.number("FENCE_MARGIN") - distance
-    excess = max(0.0, outward - _braked(max(0.0, room), AVOID_MPS2, GAIN_XY_PER_S))
-    return north - excess * out_north, east - excess * out_east, down
-
-
-def _braked(distance_m: float, deceleration_mps2: float, gain_per_s: float) -> float:
-    """Return the speed from which the deceleration and the gain stop within a distance."""
-    return min(gain_per_s * distance_m, math.sqrt(2.0 * deceleration_mps2 * distance_m))
+    def steer(self, now_s: float) -> None:
+        """Hand the newest setpoint to the flight; an old velocity or turn rate is zero (A6)."""
+        setpoint = self.setpoint
+        if setpoint is None or self.flight.guided is Guided.TAKEOFF:
+            return
+        timeout_s = max(SHORTEST_TIMEOUT_S, self.parameters.number("GUID_TIMEOUT"))
+        fresh = now_s - self._received_s <= timeout_s
+        finite = all(map(math.isfinite, setpoint.velocity_mps))
+        self.flight.velocity_mps = setpoint.velocity_mps if fresh and finite else ZERO
+        if self.flight.velocity_mps != ZERO:
+            self.flight.hold_true_m = None
+        if self.flight.guided is Guided.POSITION:
+            self.flight.target_true_m = self.estimator.to_true(setpoint.position_m)
+        if not fresh and math.isfinite(setpoint.yaw_rate_radps):
+            self.setpoint = Setpoint(setpoint.position_m, setpoint.velocity_mps)

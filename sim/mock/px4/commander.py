@@ -4,6 +4,7 @@ Rule numbers (P2, P3, ...) are those of the protocol notes this personality was 
 every one is a named test in ``tests/unit/test_mock_px4.py``.
 """
 
+import math
 from types import MappingProxyType
 
 from companion.world.frames import GeoPoint
@@ -55,6 +56,7 @@ class Px4(Autopilot):
         self.intention = Mode.LOITER
         self._mode = Mode.LOITER
         self.setpoint: Setpoint | None = None
+        self.setpoint_time_s = -math.inf
         self.offboard_seen = False
         self._after_disarm = Mode.LOITER
 

@@ -13,6 +13,7 @@ PX4 = Personality(
     kind=Px4,
     build=Px4,
     open_channel=lambda ground: Px4Channel(ground=ground),
+    rates_of=lambda ground: "ground-station rates" if ground else "onboard rates",
     handlers=HANDLERS,
     is_for_us=is_for_us,
     projection=SphericalProjection,
