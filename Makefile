@@ -25,6 +25,8 @@ help:
 .venv/dev.stamp: .venv/pip.stamp pyproject.toml
 	$(BIN)/python -m pip install --quiet torch==2.13.0
 	$(BIN)/python -m pip install --quiet --editable ".[training]" --group dev
+	# A client of the mock in tests; its graphics (OpenCV, VTK: 500 MB) are not needed there.
+	$(BIN)/python -m pip install --quiet --no-deps "MAVProxy>=1.8.75" defusedxml
 	@touch $@ .venv/flight.stamp
 
 install: .venv/dev.stamp
