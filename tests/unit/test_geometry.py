@@ -445,7 +445,7 @@ def test_many_obstacles_answer_as_each_alone(seed):
     footprints, heights = [], []
     for place in rng.uniform(0.0, 300.0, (120, 2)):
         shape = list(SHAPES.values())[rng.integers(len(SHAPES))]
-        footprints.append(np.round(place + shape * rng.uniform(0.5, 3.0)))
+        footprints.append(np.round(place) + shape * float(rng.integers(1, 4)))
         heights.append(float(rng.integers(5, 30)))
     together = Obstacles(footprints, heights)
     points = np.round(rng.uniform(-50.0, 350.0, (60, 3)) * [1.0, 1.0, 0.15])
