@@ -60,8 +60,36 @@ class Disturbance:
         return kept * value + fresh * rng.standard_normal(value.shape)
 
 
+@dataclass(frozen=True, slots=True)
+class VerticalLimits:
+    """How fast an autopilot climbs and descends."""
+
+    climb_max_mps: float = 3.0
+    """PX4 MPC_Z_VEL_MAX_UP."""
+    descent_max_mps: float = 1.5
+    """PX4 MPC_Z_VEL_MAX_DN, ArduPilot WPNAV_SPEED_DN."""
+
+    def __post_init__(self) -> None:
+        if not (self.climb_max_mps > 0.0 and self.descent_max_mps > 0.0):
+            raise ValueError(
+                f"climb and descent must be positive, "
+                f"got {self.climb_max_mps} and {self.descent_max_mps}"
+            )
+
+    def within(self, velocity_enu_mps: FloatArray) -> FloatArray:
+        """Return velocities within the limits, ``(..., 3)``: shortened, not turned."""
+        up_mps = velocity_enu_mps[..., 2:]
+        excess = np.maximum(up_mps / self.climb_max_mps, -up_mps / self.descent_max_mps)
+        return np.asarray(velocity_enu_mps / np.maximum(excess, 1.0))
+
+
 def follow_velocity(
-    velocity_mps: FloatArray, setpoint_mps: FloatArray, lag: VelocityLag, *, dt_s: float
+    velocity_mps: FloatArray,
+    setpoint_mps: FloatArray,
+    lag: VelocityLag,
+    *,
+    dt_s: float,
+    time_constant_s: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Follow a constant velocity setpoint for ``dt_s``.
 
@@ -74,20 +102,24 @@ def follow_velocity(
         setpoint_mps: Shape ``(..., 3)``.
         lag: The response.
         dt_s: Any duration, not negative.
+        time_constant_s: Of each vehicle, ``(...)``, in place of the lag's.
 
     Returns:
         The velocity at the end and the displacement over ``dt_s``, shapes ``(..., 3)``.
     """
+    slow_s = np.asarray(
+        lag.time_constant_s if time_constant_s is None else time_constant_s[..., None]
+    )
     error_mps = setpoint_mps - velocity_mps
     length_mps = np.sqrt(np.einsum("...i,...i->...", error_mps, error_mps))[..., None]
-    limited_s = np.clip(length_mps / lag.acceleration_max_mps2 - lag.time_constant_s, 0.0, dt_s)
+    limited_s = np.clip(length_mps / lag.acceleration_max_mps2 - slow_s, 0.0, dt_s)
     decay_s = dt_s - limited_s
 
     knee_mps = length_mps - lag.acceleration_max_mps2 * limited_s
-    left = np.exp(-decay_s / lag.time_constant_s)
+    left = np.exp(-decay_s / slow_s)
     # Integral of the error's length: a trapezium, then an exponential tail.
     area_m = 0.5 * (length_mps + knee_mps) * limited_s
-    area_m = area_m + knee_mps * lag.time_constant_s * (1.0 - left)
+    area_m = area_m + knee_mps * slow_s * (1.0 - left)
 
     direction = error_mps / np.where(length_mps > 0.0, length_mps, 1.0)
     return (

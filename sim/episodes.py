@@ -85,6 +85,10 @@ class Episodes:
         np.minimum(self.min_distance_m, distance_m, out=self.min_distance_m, where=~self.contact)
         self.reached |= ~self.contact & (distance_m < arrival_radius_m)
 
+    def take(self, worlds: IntArray) -> "Episodes":
+        """Return the books of some worlds."""
+        return Episodes(**{f.name: getattr(self, f.name)[worlds] for f in fields(self)})
+
     def end(self, worlds: IntArray, distance_m: FloatArray) -> EpisodeEnd:
         """Return the closed books of ``worlds``; ``distance_m`` is ``(N,)``."""
         return EpisodeEnd(

@@ -93,7 +93,7 @@ class CityEnv(gymnasium.Env[Float32Array, Float32Array]):
         layout: The name of an observation layout.
         scaling: What an action means.
         **options: Passed on to ``CityWorld``: ``horizon``, ``end_on_contact``,
-            ``target_motion``, ``lag``, ...
+            ``target_motion``, ``reward``, ``dynamics``, ...
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  (Gymnasium's own declaration)

@@ -60,6 +60,10 @@ class TargetPaths:
         """Return room for ``count`` moving targets, to be filled by ``put``."""
         return cls.through(np.zeros((count, VERTICES, 3)), np.zeros(count))
 
+    def take(self, rows: IntArray) -> "TargetPaths":
+        """Return some of the paths."""
+        return TargetPaths(self.vertex_enu_m[rows], self.arc_m[rows], self.speed_mps[rows])
+
     def put(self, rows: IntArray | slice, paths: "TargetPaths") -> None:
         """Overwrite ``rows`` with other paths of as many corners."""
         self.vertex_enu_m[rows] = paths.vertex_enu_m

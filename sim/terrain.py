@@ -1,11 +1,14 @@
 """The maps under the worlds: one for all, or several with a run of worlds on each."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
+import shapely
 
 from companion.arrays import FloatArray, IntArray
+from companion.world.geometry import Obstacles
 from companion.world.maps import Map
 from sim.atlas import Atlas
 
@@ -39,9 +42,22 @@ class Terrain:
         self.whole = self._over(self._atlas)
         """The map under all worlds: row ``i`` of a query to it belongs to world ``i``."""
 
+    def grown(self, margin_m: float) -> "Terrain":
+        """Return the same with every obstacle grown by ``margin_m`` to all sides and up."""
+        return Terrain([_grown(city, margin_m) for city in self.maps], len(self.all_worlds))
+
     def map_of(self, world: int) -> Map:
         """Return the map under one world."""
         return self.maps[int(self._map_of_world[world])]
+
+    def take(self, worlds: IntArray) -> "Terrain":
+        """Return what lies under some of the worlds, in that order."""
+        taken = copy(self)
+        taken.all_worlds = np.arange(len(worlds))
+        taken._map_of_world = self._map_of_world[worlds]
+        taken._atlas = None if self._atlas is None else self._atlas.take(worlds)
+        taken.whole = taken._over(taken._atlas)
+        return taken
 
     def under(self, worlds: IntArray) -> Map:
         """Return the map under some worlds: row ``i`` of a query belongs to ``worlds[i]``."""
@@ -51,3 +67,24 @@ class Terrain:
         if atlas is None:
             return self.maps[0]
         return replace(self.maps[0], name=f"one of {len(self.maps)} maps", obstacles=atlas)
+
+
+def _grown(city: Map, margin_m: float) -> Map:
+    outlines = shapely.buffer(
+        [shapely.Polygon(footprint) for footprint in city.footprints_m],
+        margin_m,
+        join_style="mitre",
+        mitre_limit=2.0,
+    )
+    # What closes around a courtyard has a hole; the vehicle has no business in there.
+    footprints_m = tuple(
+        np.asarray(shapely.remove_repeated_points(outline.exterior, 1e-6).coords)[:-1]
+        for outline in outlines
+    )
+    heights_m = city.heights_m + margin_m
+    return replace(
+        city,
+        footprints_m=footprints_m,
+        heights_m=heights_m,
+        obstacles=Obstacles(footprints_m, heights_m),
+    )

@@ -47,7 +47,11 @@ class Train:
 
 @dataclass(frozen=True, slots=True)
 class Evaluate:
-    """Fly held-out cases and count; flying straight at the target is counted beside it."""
+    """Fly held-out cases and count; flying straight at the target is counted beside it.
+
+    An actor whose contract has a speed is flown as it flies: asked 20 times a second, on a vehicle
+    that lags, in gusts. One of the paper's kinematic point is flown by the paper's step.
+    """
 
     actor: str
     """Actor file or name."""
@@ -58,7 +62,7 @@ class Evaluate:
     episodes: int = 1000
     seed: int = 0
     shield: bool = False
-    """Put the shield behind the policy."""
+    """Fly the same cases once more with the shield behind the policy; counted beside it."""
     moving: bool = False
     """Let the targets move."""
     json: bool = False

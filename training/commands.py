@@ -9,11 +9,14 @@ import torch
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from companion.arrays import Float32Array
 from companion.errors import UsageError
 from companion.policy.actor import Actor
+from sim.world import CityWorld
 from training import cli
-from training.evaluate import Evaluation, as_json, evaluate_policy, fly_straight
+from training.evaluate import Evaluation, Policy, as_json, evaluate_policy, fly_straight
 from training.export import command_line, git_revision
+from training.loop import evaluate_loop
 from training.places import Place, content_hash
 from training.presets import load_preset
 from training.run_folder import RunFolder, RunRecord
@@ -59,35 +62,41 @@ def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float])
     Raises:
         UsageError: If the options contradict each other or ask for what is not there.
     """
-    if options.shield:
-        raise UsageError("--shield is not available yet: evaluate the policy alone")
     place = Place(options.map, options.cities)
     if options.episodes < 1:
         raise UsageError(f"--episodes must be at least 1, got {options.episodes}")
     actor = Actor.load(options.actor)
     contract, maps = actor.contract, place.test_maps()
+    v_max_mps = contract.dynamics.v_max_mps
+    if options.shield and v_max_mps is None:
+        raise UsageError(
+            f"--shield needs a vehicle with a speed: {actor.name} is evaluated as the paper's "
+            f"kinematic point"
+        )
     if len(maps) > options.episodes:
         raise UsageError(f"--cities {len(maps)} needs at least as many --episodes")
     for city in maps:
-        actor.check_fits(city, contract.dynamics.v_max_mps or 0.0)
+        actor.check_fits(city, v_max_mps or 0.0)
 
-    def count(policy: Any) -> Evaluation:
-        return evaluate_policy(
-            policy,
-            maps,
-            contract.layout,
-            contract.action,
-            episodes=options.episodes,
-            seed=options.seed,
-            moving=options.moving,
-            measure_clearance=True,
-            now_s=now_s,
-        )
+    def count(policy: Policy, *, shield: bool = False) -> Evaluation:
+        flown = (policy, maps, contract.layout, contract.action)
+        cases: dict[str, Any] = {
+            "episodes": options.episodes,
+            "seed": options.seed,
+            "moving": options.moving,
+            "measure_clearance": True,
+            "now_s": now_s,
+        }
+        if v_max_mps is None:
+            return evaluate_policy(*flown, **cases)
+        return evaluate_loop(*flown, v_max_mps=v_max_mps, shield=shield, **cases)
 
-    result = count(lambda _, observation: actor.act(observation))
-    straight = count(fly_straight)
+    def ask(_: CityWorld, observation: Float32Array) -> Float32Array:
+        return actor.act(observation)
+
+    result, straight = count(ask), count(fly_straight)
+    shielded = count(ask, shield=True) if options.shield else None
     if options.json:
-        floor = straight.completion_rate
         print(
             as_json(
                 result,
@@ -96,12 +105,21 @@ def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float])
                 cities=place.cities,
                 seed=options.seed,
                 moving=options.moving,
-                straight_completion_rate=floor,
+                in_the_loop=v_max_mps is not None,
+                straight_completion_rate=straight.completion_rate,
+                with_shield=shielded,
                 command=typed,
             )
         )
-    else:
-        _print_evaluations(Console(), {actor.name: result, "flying straight": straight}, typed)
+        return 0
+    results = {actor.name: result, "flying straight": straight}
+    if shielded is not None:
+        results = {
+            f"{actor.name}, policy alone": result,
+            f"{actor.name}, with shield": shielded,
+            "flying straight": straight,
+        }
+    _print_evaluations(Console(), results, typed)
     return 0
 
 
@@ -143,7 +161,7 @@ def _record(options: "cli.Train", place: Place, typed: str) -> RunRecord:
         map_hash=content_hash(place.training_maps()),
         seed=options.seed,
         updates=preset.updates,
-        beta=preset.world.beta,
+        beta=preset.world.reward.beta,
         init=None if options.init is None else str(options.init),
         git_revision=git_revision(),
         command=typed,
@@ -210,7 +228,8 @@ def _print_evaluations(console: Console, results: dict[str, Evaluation], typed: 
             f"2 m {_percent(result.completion_2m)}, 1 m {_percent(result.completion_1m)}; "
             f"collided {_percent(result.collision_rate)}, "
             f"timed out {_percent(result.timeout_rate)}\n"
-            f"  SPL {result.spl:.3f}, path stretch {stretch}, {result.seconds:.1f} s",
+            f"  SPL {result.spl:.3f}, path stretch {stretch}, "
+            f"{result.shield_interventions} interventions, {result.seconds:.1f} s",
             highlight=False,
         )
         if result.min_clearance_m is not None:

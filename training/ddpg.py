@@ -73,7 +73,8 @@ class Ddpg:
         action = torch.tanh(pre_activation)
         value = self.critic.first(batch.observation, action).mean()
         penalty = self.options.pre_activation_penalty * pre_activation.square().mean()
-        actor_loss = penalty - value + self._distance_to_best(batch.observation, action)
+        attraction = self.options.best_of_weight * self._distance_to_best(batch.observation, action)
+        actor_loss = penalty - value + attraction
         self.actor_optimizer.zero_grad()
         actor_loss.backward(inputs=list(self.actor.parameters()))
         self.actor_optimizer.step()

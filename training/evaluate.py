@@ -1,4 +1,6 @@
-"""How well a policy does on cases it has never seen.
+"""How well a policy does on cases it has never seen, by the paper's kinematic step.
+
+What flies a vehicle with a speed is judged in the control loop instead: ``training.loop``.
 
 Success is what the paper leaves open (E9, E10): within 5 m of the target, with no contact on the
 way, within T steps. Every case is one episode from its first step to its last; none is
@@ -122,7 +124,7 @@ def evaluate_policy(
                 step_m = _clearance_m(city, start_enu_m[rows], result.position_enu_m[rows])
                 clearance_m[rows] = np.minimum(clearance_m[rows], step_m)
             under_way &= ~(result.reached | result.contact)
-    return _summarise(result.episode_end, clearance_m, seconds=now_s() - began_s)
+    return summarise(result.episode_end, clearance_m, seconds=now_s() - began_s)
 
 
 def completion_of(ended: EpisodeEnd, radius_m: float) -> float:
@@ -157,7 +159,18 @@ def _clearance_m(city: Map, start_enu_m: FloatArray, end_enu_m: FloatArray) -> F
     return distance_m
 
 
-def _summarise(ended: EpisodeEnd, clearance_m: FloatArray, *, seconds: float) -> Evaluation:
+def summarise(
+    ended: EpisodeEnd, clearance_m: FloatArray, *, interventions: int = 0, seconds: float
+) -> Evaluation:
+    """Return what came of cases.
+
+    Args:
+        ended: Every case once.
+        clearance_m: Smallest distance to an obstacle until arrival, ``(N,)``; infinite where it
+            was not measured.
+        interventions: Of the shield.
+        seconds: What it took.
+    """
     episodes = len(ended.reached)
     reached = ended.reached
     rate = float(reached.mean())
@@ -182,7 +195,7 @@ def _summarise(ended: EpisodeEnd, clearance_m: FloatArray, *, seconds: float) ->
         spl=float(np.mean(reached * shortest)),
         path_stretch=float(stretch.mean()) if reached.any() else None,
         min_clearance_m=percentiles,
-        shield_interventions=0,
+        shield_interventions=interventions,
         seconds=seconds,
     )
 

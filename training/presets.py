@@ -8,8 +8,12 @@ of 1000 held-out cases. ``--layout relative`` holds the same information seen fr
 and completes all of them after 3000 to 6000 updates; the shipped actor ``paper-free`` uses it.
 
 ``flight`` is the same algorithm free to use what makes it work: rays around the vehicle, contact
-ends the episode, three-step returns, twin critics, and sampled actions that compete with the
-actor's own. Its world is still the paper's kinematic point.
+ends the episode, eight-step returns, twin critics, and sampled actions that compete with the
+actor's own. It trains on what flies: a decision a second (5 m at 5 m/s), a vehicle that lags by a
+time it does not know, climbs at 3 and descends at 1.5 m/s, in gusts, with an estimate that
+wavers. Its reward is the paper's with beta raised, as guidance is paid each second and a crash
+once, and with a term for the last metres. gamma keeps the paper world's horizon in seconds: 0.95
+per 4 s. It is judged in the control loop.
 
 A preset has a stage ``free`` (the paper's source task) and a stage ``obstacles`` that starts
 from the networks of the first.
@@ -18,9 +22,14 @@ from the networks of the first.
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+import msgspec
+
 from companion.errors import UsageError
 from companion.policy.action import PAPER_SCALING, TARGET_SCALING, ActionScaling
 from companion.policy.observation import LAYOUTS, Layout
+from sim.dynamics import Disturbance, VelocityLag, VerticalLimits
+from sim.motion import Dynamics
+from sim.reward import Reward
 
 PresetName = Literal["paper", "flight"]
 StageName = Literal["free", "obstacles"]
@@ -52,6 +61,9 @@ class DdpgOptions:
     local optimum between left and right around an obstacle, and hovers. 0: the gradient alone."""
     best_of_share: float = 0.25
     """Share of the batch on which they compete."""
+    best_of_weight: float = 1.0
+    """Weight of the squared distance to the best of them. The shorter the step, the less one
+    action changes the value: this and the penalty above must shrink with it."""
     average_tau: float = 0.001
     """Weight of the new parameters in the averaged actor, evaluated beside the actor."""
 
@@ -64,12 +76,16 @@ class WorldOptions:
     """T of Table I."""
     arrival_radius_m: float = 5.0
     """Success, which the paper leaves open (E9)."""
-    beta: float = 0.8
-    """Weight of the obstacle penalty; the paper's 4, read as beta / (1 - beta) (E4)."""
+    reward: Reward = field(default_factory=Reward)
+    """The paper's, with its beta = 4 read as beta / (1 - beta) (E4); other terms are named."""
     end_on_contact: bool = False
     """The paper's vehicle passes through obstacles at a price (E13)."""
     restart_probability: float = 0.0
     """Chance per step of a new episode: exploring starts."""
+    arrived_restart_probability: float = 0.0
+    """Added to it at the target, where there is less to learn than on the way."""
+    dynamics: Dynamics = field(default_factory=Dynamics)
+    """How the vehicle moves; by default the paper's kinematic point."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +95,8 @@ class Preset:
     name: PresetName
     stage: StageName
     layout_name: LayoutName
+    rho_max: float = 0.2
+    """Longest step as a share of the edge (Table I). At 5 m/s it is also the step's time (E8)."""
     world: WorldOptions = field(default_factory=WorldOptions)
     ddpg: DdpgOptions = field(default_factory=DdpgOptions)
     batch_size: int = 256
@@ -117,7 +135,13 @@ class Preset:
     @property
     def scaling(self) -> ActionScaling:
         """Return the action's meaning: psi is measured the way the layout sees the target."""
-        return PAPER_SCALING if self.layout_name == "paper" else TARGET_SCALING
+        scaling = PAPER_SCALING if self.layout_name == "paper" else TARGET_SCALING
+        return msgspec.structs.replace(scaling, rho_max=self.rho_max)
+
+    @property
+    def in_the_loop(self) -> bool:
+        """Whether its actors are judged in the control loop instead of the kinematic world."""
+        return self.world.dynamics.lag is not None
 
 
 def load_preset(
@@ -148,7 +172,8 @@ def load_preset(
             raise UsageError(f"--updates must be at least 1, got {updates}")
         preset = replace(preset, updates=updates)
     if beta is not None:
-        preset = replace(preset, world=replace(preset.world, beta=_checked_beta(beta)))
+        reward = replace(preset.world.reward, beta=_checked_beta(beta))
+        preset = replace(preset, world=replace(preset.world, reward=reward))
     return preset
 
 
@@ -173,14 +198,34 @@ _PAPER_FREE = Preset(
     validate_every=2_000,
 )
 
+_FLYING = Dynamics(
+    lag=VelocityLag(),
+    time_constant_s=(0.3, 1.0),
+    vertical=VerticalLimits(),
+    wind=Disturbance(std=0.5, correlation_s=2.0),
+    position_noise=Disturbance(std=0.3, correlation_s=2.0),
+    start_speed_mps=5.0,
+    substeps=2,
+)
+
 _FLIGHT_FREE = Preset(
     name="flight",
     stage="free",
     layout_name="rays",
-    ddpg=DdpgOptions(pre_activation_penalty=0.001, twin_critics=True),
+    rho_max=0.05,
+    world=WorldOptions(
+        horizon=120,
+        reward=Reward(beta=0.95, arrival_weight=1.0, keep_m=2.0, keep_weight=0.02),
+        restart_probability=0.01,
+        arrived_restart_probability=0.1,
+        dynamics=_FLYING,
+    ),
+    ddpg=DdpgOptions(gamma=0.987, pre_activation_penalty=0.001, twin_critics=True),
+    num_steps=8,
     lr_final=0.05,
     updates=6_000,
     validate_every=1_000,
+    validation_episodes=400,
 )
 
 PRESETS: dict[tuple[PresetName, StageName], Preset] = {
@@ -192,12 +237,17 @@ PRESETS: dict[tuple[PresetName, StageName], Preset] = {
     ("flight", "obstacles"): replace(
         _FLIGHT_FREE,
         stage="obstacles",
-        world=WorldOptions(end_on_contact=True, restart_probability=0.02),
-        ddpg=DdpgOptions(twin_critics=True, target_noise=0.03, best_of_samples=16),
-        replay_capacity=200_000,
-        num_steps=3,
-        epsilon_start=0.3,
-        epsilon_end=0.02,
+        world=replace(_FLIGHT_FREE.world, end_on_contact=True),
+        ddpg=replace(
+            _FLIGHT_FREE.ddpg,
+            pre_activation_penalty=0.002,
+            target_noise=0.03,
+            best_of_samples=16,
+            best_of_weight=0.1,
+        ),
+        replay_capacity=400_000,
+        epsilon_start=0.1,
+        epsilon_end=0.01,
         exploration_noise=0.05,
         num_worlds=256,
         updates=30_000,

@@ -17,23 +17,26 @@ from companion.policy.contract import (
     MapContract,
     ObservationContract,
 )
-from training.evaluate import evaluate_policy, fly_straight
+from training.evaluate import Evaluation, Policy, fly_straight
 from training.export import export_actor
 from training.networks import ActorNetwork
 from training.places import TEST_CITIES, Place, content_hash
-from training.presets import Preset, load_preset
+from training.presets import load_preset
 from training.run_folder import RunFolder, RunRecord
 from training.seeds import Purpose
-from training.trainer import Trainer, network_policy
+from training.trainer import Trainer, fly_cases, network_policy
 
 LOG_EVERY = 500
 """Updates between two lines of the log."""
 TEST_EPISODES = 1_000
 """As many as the paper's."""
 TEST_SEED = 0
+UNSEEN_MAPS = ("env1", "env2", "free", "zurich")
+"""Where actors trained on cities are proven, beside cities."""
 _FREE_EDGES = (0.5, 10.0)
-"""Edges on which an actor free of maps may fly, as multiples of the edge of its training: the
-kinematic world looks the same at every scale, but 1 % of the edge is all the precision it has."""
+"""Edges on which an actor free of maps may fly, as multiples of the edge of its training. The
+kinematic world looks the same at every scale, but 1 % of the edge is all the precision it has;
+a layout with fixed units sees nothing of the edge, only targets beyond its range as nearer."""
 
 Report = Callable[[Trainer, dict[str, Any]], None]
 """Told of every line of the log as it is written."""
@@ -139,7 +142,7 @@ def export_run(folder: RunFolder, path: Path, *, now_s: Callable[[], float]) -> 
     network: ActorNetwork = trainer.learner.actor
     network.load_state_dict(trainer.best.network)
     evaluation = tuple(
-        _test(trainer.preset, place, network, path.stem, now_s) for place in _test_places(trainer)
+        _test(trainer, place, network, path.stem, now_s) for place in _test_places(trainer)
     )
     return export_actor(network, contract_of(record, trainer, evaluation), path)
 
@@ -161,6 +164,7 @@ def contract_of(
     # The kinematic point has no clock; but an actor that sees its velocity has seen only these.
     layout, world = trainer.preset.layout, trainer.world
     sees_velocity = any(column.startswith("velocity") for column in layout.columns)
+    has_clock = sees_velocity or trainer.preset.in_the_loop
     return Contract(
         observation=ObservationContract.of(layout),
         action=trainer.preset.scaling,
@@ -168,8 +172,9 @@ def contract_of(
             edge_m=edge_m,
             edge_low_m=edge_m * low,
             edge_high_m=edge_m * high,
-            step_s=world.dt_s if sees_velocity else None,
-            v_max_mps=world.v_max_mps if sees_velocity else None,
+            step_s=world.dt_s if has_clock else None,
+            v_max_mps=world.v_max_mps if has_clock else None,
+            velocity_lag_s=trainer.preset.world.dynamics.time_constant_s,
         ),
         map=MapContract(city.name, city.content_hash) if bound else None,
         avoids_obstacles=among_obstacles,
@@ -238,16 +243,25 @@ def _test_places(trainer: Trainer) -> list[Place]:
     """Return where to prove an actor: on its own map, or on cities and maps it has never seen."""
     if trainer.place.cities is None:
         return [trainer.place]
-    return [Place(cities=TEST_CITIES), *(Place(map=name) for name in ("env1", "env2", "free"))]
+    return [Place(cities=TEST_CITIES), *(Place(map=name) for name in UNSEEN_MAPS)]
 
 
 def _test(
-    preset: Preset, where: Place, network: ActorNetwork, name: str, now_s: Callable[[], float]
+    trainer: Trainer, where: Place, network: ActorNetwork, name: str, now_s: Callable[[], float]
 ) -> EvaluationRecord:
-    cases: dict[str, Any] = {"episodes": TEST_EPISODES, "seed": TEST_SEED, "now_s": now_s}
-    place = (where.test_maps(), preset.layout, preset.scaling)
-    result = evaluate_policy(network_policy(network), *place, purpose=Purpose.TEST, **cases)
-    straight = evaluate_policy(fly_straight, *place, purpose=Purpose.TEST, **cases)
+    def count(policy: Policy) -> Evaluation:
+        return fly_cases(
+            trainer.preset,
+            trainer.world.v_max_mps,
+            policy,
+            where.test_maps(),
+            episodes=TEST_EPISODES,
+            seed=TEST_SEED,
+            purpose=Purpose.TEST,
+            now_s=now_s,
+        )
+
+    result = count(network_policy(network))
     low, high = result.completion_rate_ci95
     return EvaluationRecord(
         map_name=where.map or f"{where.cities} cities",
@@ -260,7 +274,7 @@ def _test(
         completion_1m=result.completion_1m,
         collision_rate=result.collision_rate,
         timeout_rate=result.timeout_rate,
-        straight_completion_rate=straight.completion_rate,
+        straight_completion_rate=count(fly_straight).completion_rate,
         command=f"training evaluate --actor {name} {where.label} "
         f"--episodes {TEST_EPISODES} --seed {TEST_SEED}",
     )

@@ -1,15 +1,17 @@
 """Algorithm 1 of the paper, lines 3 to 9: collect with many worlds, learn, validate."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import torch
 
 from companion.arrays import Float32Array, FloatArray
+from companion.world.maps import Map
 from sim.world import CityWorld
 from training.ddpg import Ddpg
 from training.evaluate import Evaluation, Policy, evaluate_policy
+from training.loop import evaluate_loop
 from training.networks import ActorNetwork
 from training.places import Place
 from training.presets import Preset
@@ -39,9 +41,11 @@ class Trainer:
             generator(seed, Purpose.WORLD),
             horizon=options.horizon,
             arrival_radius_m=options.arrival_radius_m,
-            beta=options.beta,
+            reward=options.reward,
             end_on_contact=options.end_on_contact,
             restart_probability=options.restart_probability,
+            arrived_restart_probability=options.arrived_restart_probability,
+            dynamics=options.dynamics,
         )
         network_seed = int(generator(seed, Purpose.NETWORKS).integers(2**62))
         num_columns = len(preset.layout.fields)
@@ -103,11 +107,11 @@ class Trainer:
         networks = {"actor": self.learner.actor, "actor_average": self.learner.actor_average}
         results: dict[str, Evaluation] = {}
         for name, network in networks.items():
-            results[name] = evaluate_policy(
+            results[name] = fly_cases(
+                self.preset,
+                self.world.v_max_mps,
                 network_policy(network),
                 maps,
-                self.preset.layout,
-                self.preset.scaling,
                 episodes=self.preset.validation_episodes,
                 seed=self.seed,
                 purpose=Purpose.VALIDATION,
@@ -164,6 +168,26 @@ class Trainer:
         options = self.preset.ddpg
         self.learner.actor_optimizer.param_groups[0]["lr"] = options.actor_lr * factor
         self.learner.critic_optimizer.param_groups[0]["lr"] = options.critic_lr * factor
+
+
+def fly_cases(
+    preset: Preset,
+    v_max_mps: float,
+    policy: Policy,
+    maps: Sequence[Map],
+    *,
+    episodes: int,
+    seed: int,
+    purpose: Purpose,
+    now_s: Callable[[], float],
+) -> Evaluation:
+    """Evaluate a policy the way the preset's actors are judged: in the loop or kinematic."""
+    place = (policy, maps, preset.layout, preset.scaling)
+    if not preset.in_the_loop:
+        return evaluate_policy(*place, episodes=episodes, seed=seed, purpose=purpose, now_s=now_s)
+    return evaluate_loop(
+        *place, v_max_mps=v_max_mps, episodes=episodes, seed=seed, purpose=purpose, now_s=now_s
+    )
 
 
 @torch.inference_mode()

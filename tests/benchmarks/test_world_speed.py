@@ -8,11 +8,12 @@ from companion.policy.observation import LAYOUTS
 from companion.world.maps import load_map
 from sim.cities import random_city
 from sim.dynamics import VelocityLag
+from sim.motion import Dynamics
 from sim.world import CityWorld
 
 NUM_WORLDS = 1024
 MOVING = {"target_motion": "moving"}
-FLIGHT = {"lag": VelocityLag(), "end_on_contact": True}
+FLIGHT = {"dynamics": Dynamics(lag=VelocityLag()), "end_on_contact": True}
 
 
 def one(name):

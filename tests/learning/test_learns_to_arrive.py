@@ -4,19 +4,18 @@ import dataclasses
 
 import torch
 
-from training.evaluate import evaluate_policy
 from training.places import Place
 from training.presets import PRESETS
 from training.seeds import Purpose
-from training.trainer import Trainer, network_policy
+from training.trainer import Trainer, fly_cases, network_policy
 
 
 def completion(trainer):
-    result = evaluate_policy(
+    result = fly_cases(
+        trainer.preset,
+        trainer.world.v_max_mps,
         network_policy(trainer.learner.actor_average),
         trainer.maps,
-        trainer.preset.layout,
-        trainer.preset.scaling,
         episodes=300,
         seed=0,
         purpose=Purpose.TEST,

@@ -4,7 +4,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from sim.dynamics import Disturbance, VelocityLag, clip_to_box, follow_velocity, stop_at_walls
+from sim.dynamics import (
+    Disturbance,
+    VelocityLag,
+    VerticalLimits,
+    clip_to_box,
+    follow_velocity,
+    stop_at_walls,
+)
+from sim.motion import Dynamics
 
 velocities_mps = arrays(np.float64, (4, 3), elements=st.floats(-15.0, 15.0))
 durations_s = st.floats(0.0, 5.0)
@@ -48,6 +56,23 @@ def test_a_batch_is_its_rows(velocity, setpoint, dt_s):
         np.testing.assert_allclose(one_way, batch_way[row], rtol=1e-12, atol=1e-12)
 
 
+def test_each_vehicle_may_have_a_time_constant_of_its_own():
+    slow_s = np.array([0.3, 0.5, 1.0])
+    setpoint = np.tile([1.0, 0.0, 0.0], (3, 1))
+    after, _ = follow_velocity(np.zeros((3, 3)), setpoint, LAG, dt_s=0.5, time_constant_s=slow_s)
+    np.testing.assert_allclose(after[:, 0], 1.0 - np.exp(-0.5 / slow_s))
+
+
+@given(velocities_mps)
+def test_vertical_limits_shorten_and_do_not_turn(velocity):
+    within = VerticalLimits(climb_max_mps=3.0, descent_max_mps=1.5).within(velocity)
+    assert np.all(within[:, 2] <= 3.0 + 1e-9)
+    assert np.all(within[:, 2] >= -1.5 - 1e-9)
+    np.testing.assert_allclose(np.cross(within, velocity), 0.0, atol=1e-9)
+    easy = (velocity[:, 2] <= 3.0) & (velocity[:, 2] >= -1.5)
+    np.testing.assert_array_equal(within[easy], velocity[easy])
+
+
 def test_a_disturbance_keeps_its_spread_and_forgets():
     rng = np.random.default_rng(3)
     wind = Disturbance(std=1.5, correlation_s=4.0)
@@ -72,12 +97,19 @@ def test_no_disturbance_is_none():
         pytest.param(VelocityLag, {"time_constant_s": 0.0}, id="instant"),
         pytest.param(VelocityLag, {"time_constant_s": float("nan")}, id="nan"),
         pytest.param(VelocityLag, {"acceleration_max_mps2": -1.0}, id="deceleration"),
+        pytest.param(VerticalLimits, {"climb_max_mps": 0.0}, id="no climb"),
+        pytest.param(Dynamics, {"wind": Disturbance(1.0, 1.0)}, id="wind without lag"),
+        pytest.param(Dynamics, {"substeps": 2}, id="substeps without lag"),
+        pytest.param(
+            Dynamics, {"lag": LAG, "time_constant_s": (1.0, 0.3)}, id="descending time constants"
+        ),
+        pytest.param(Dynamics, {"lag": LAG, "start_speed_mps": -1.0}, id="negative speed"),
         pytest.param(Disturbance, {"std": -0.1, "correlation_s": 1.0}, id="negative std"),
         pytest.param(Disturbance, {"std": 0.1, "correlation_s": 0.0}, id="no correlation"),
     ],
 )
 def test_nonsense_is_refused(kind, options):
-    with pytest.raises(ValueError, match="must"):
+    with pytest.raises(ValueError, match=r"must|need"):
         kind(**options)
 
 

@@ -3,7 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from sim.reward import check_beta, guidance_reward, obstacle_penalty, step_reward
+from sim.reward import (
+    Reward,
+    arrival_reward,
+    check_beta,
+    guidance_reward,
+    obstacle_penalty,
+    step_reward,
+)
 
 
 @pytest.mark.parametrize(
@@ -61,3 +68,27 @@ def test_the_literal_beta_of_the_paper_is_refused_with_the_reason():
 def test_other_nonsense_is_refused(beta):
     with pytest.raises(ValueError, match="beta"):
         check_beta(beta)
+
+
+def test_by_default_the_reward_is_the_papers():
+    distance, depth = np.array([0.0, 0.05, 0.9]), np.array([0.0, 0.01, 0.0])
+    np.testing.assert_array_equal(
+        Reward().of(distance, depth, None), step_reward(distance, depth, beta=0.8)
+    )
+
+
+def test_the_arrival_term_is_steep_where_the_papers_is_flat():
+    hovering, arrived, nothing = np.array(0.052), np.array(0.01), np.array(0.0)
+    gained = [
+        float(reward.of(arrived, nothing, None) / reward.of(hovering, nothing, None))
+        for reward in (Reward(), Reward(arrival_weight=1.0))
+    ]
+    assert gained[0] < 1.02
+    assert gained[1] > 1.5
+    assert float(arrival_reward(np.array(0.0))) == 1.0
+
+
+@pytest.mark.parametrize("options", [{"beta": 4.0}, {"arrival_weight": -1.0}, {"keep_m": -1.0}])
+def test_rewards_that_make_no_sense_are_refused(options):
+    with pytest.raises(ValueError, match=r"beta|negative"):
+        Reward(**options)

@@ -1,3 +1,4 @@
+import dataclasses
 import math
 from dataclasses import fields
 
@@ -7,7 +8,9 @@ import pytest
 from companion.policy.action import PAPER_SCALING, TARGET_SCALING
 from companion.policy.observation import LAYOUTS, build_observation
 from companion.world.maps import load_map
-from sim.dynamics import Disturbance, VelocityLag
+from sim.dynamics import Disturbance, VelocityLag, VerticalLimits
+from sim.motion import Dynamics
+from sim.reward import Reward
 from sim.world import CityWorld
 
 CITY = """
@@ -26,9 +29,16 @@ STAY = np.array([-1.0, 0.0, 0.0])
 
 FLIGHT = {
     "target_motion": "moving",
-    "lag": VelocityLag(),
-    "wind": Disturbance(std=0.5, correlation_s=3.0),
-    "substeps": 3,
+    "dynamics": Dynamics(
+        lag=VelocityLag(),
+        time_constant_s=(0.3, 1.0),
+        vertical=VerticalLimits(),
+        wind=Disturbance(std=0.5, correlation_s=3.0),
+        position_noise=Disturbance(std=0.3, correlation_s=2.0),
+        start_speed_mps=5.0,
+        substeps=3,
+    ),
+    "reward": Reward(beta=0.9, arrival_weight=1.0, keep_m=2.0, keep_weight=0.1),
     "end_on_contact": True,
     "end_on_arrival": True,
     "restart_probability": 0.05,
@@ -55,6 +65,14 @@ def city(tmp_path):
 def make_world(city, num_worlds=1, seed=0, layout="paper", scaling=PAPER_SCALING, **options):
     rng = np.random.default_rng(seed)
     return CityWorld(city, LAYOUTS[layout], scaling, num_worlds, rng, **options)
+
+
+def without_noise(options):
+    """Return options whose worlds draw nothing between two restarts and see where they are."""
+    if "dynamics" not in options:
+        return options
+    still = dataclasses.replace(options["dynamics"], wind=None, position_noise=None)
+    return options | {"dynamics": still}
 
 
 def place(world, position_enu_m, target_enu_m):
@@ -241,7 +259,10 @@ def test_the_same_seed_gives_the_same_run(city, layout, scaling, options):
     "options",
     [
         pytest.param({}, id="paper"),
-        pytest.param({"target_motion": "moving", "lag": VelocityLag(), "substeps": 2}, id="lag"),
+        pytest.param(
+            {"target_motion": "moving", "dynamics": Dynamics(lag=VelocityLag(), substeps=2)},
+            id="lag",
+        ),
     ],
 )
 def test_a_batch_is_its_worlds_one_by_one(city, options):
@@ -316,7 +337,7 @@ def test_results_stay_as_they_were(city, layout, scaling, options):
 
 @every_world
 def test_observations_are_those_of_flight(city, layout, scaling, options):
-    world = make_world(city, 6, 1, layout, scaling, **options)
+    world = make_world(city, 6, 1, layout, scaling, **without_noise(options))
     for action in random_actions(40, 6):
         result = world.step(action)
         expected = build_observation(
@@ -337,7 +358,7 @@ def test_restarts_come_as_often_as_asked(city):
 
 def test_a_lagging_vehicle_falls_short_of_the_kinematic_one(city):
     start, target = [10.0, 10.0, 70.0], [10.0, 95.0, 70.0]
-    lagged = make_world(city, lag=VelocityLag(), v_max_mps=5.0)
+    lagged = make_world(city, dynamics=Dynamics(lag=VelocityLag()), v_max_mps=5.0)
     place(lagged, start, target)
     result = lagged.step(NORTH[None])
     assert lagged.dt_s == pytest.approx(4.0)
@@ -348,7 +369,7 @@ def test_a_lagging_vehicle_falls_short_of_the_kinematic_one(city):
 def test_substeps_change_the_chords_not_the_way(city):
     ways = []
     for substeps in (1, 8):
-        world = make_world(city, lag=VelocityLag(), substeps=substeps)
+        world = make_world(city, dynamics=Dynamics(lag=VelocityLag(), substeps=substeps))
         place(world, [10.0, 10.0, 70.0], [10.0, 95.0, 70.0])
         world.step(NORTH[None])
         ways.append(world.step(EAST[None]).position_enu_m)
@@ -357,7 +378,7 @@ def test_substeps_change_the_chords_not_the_way(city):
 
 @every_world
 def test_worlds_on_several_maps_are_those_on_one(city, layout, scaling, options):
-    options = options | {"restart_probability": 0.0, "wind": None, "horizon": 100}
+    options = without_noise(options) | {"restart_probability": 0.0, "horizon": 100}
     maps = [city, load_map("env1"), load_map("env2")]
     together = make_world(maps, 9, 5, layout, scaling, **options)
     state = together.state_dict()
@@ -396,14 +417,13 @@ def test_several_maps_each_under_its_own_worlds(city, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"beta": 4.0}, "beta"),
         ({"horizon": 0}, "horizon"),
         ({"restart_probability": 1.0}, "restart_probability"),
         ({"arrival_radius_m": 0.0}, "arrival_radius_m"),
         ({"v_max_mps": -1.0}, "v_max_mps"),
         ({"target_speed": (0.5, 0.1)}, "target_speed"),
-        ({"wind": Disturbance(1.0, 1.0)}, "lag"),
-        ({"substeps": 2}, "lag"),
+        ({"step_s": 0.05}, "lag"),
+        ({"arrived_restart_probability": -0.1}, "restart_probability"),
         ({"target_motion": "dancing"}, "dancing"),
     ],
     ids=lambda value: value if isinstance(value, str) else None,
@@ -423,3 +443,79 @@ def test_what_cannot_be_stepped_is_refused(city):
         make_world([city, city], 1)
     with pytest.raises(ValueError, match="must be"):
         world.load_state_dict(make_world(city, 5).state_dict())
+
+
+def test_a_step_of_another_length_is_asked_more_often(city):
+    world = make_world(city, dynamics=Dynamics(lag=VelocityLag()), step_s=0.05, v_max_mps=5.0)
+    place(world, [10.0, 10.0, 70.0], [10.0, 95.0, 70.0])
+    north_m = [world.step(NORTH[None]).position_enu_m[0, 1] for _ in range(80)]
+    once = make_world(city, dynamics=Dynamics(lag=VelocityLag()), v_max_mps=5.0)
+    place(once, [10.0, 10.0, 70.0], [10.0, 95.0, 70.0])
+    assert north_m[-1] == pytest.approx(once.step(NORTH[None]).position_enu_m[0, 1])
+
+
+def test_climb_and_descent_stay_within_the_limits_of_the_autopilot(city):
+    dynamics = Dynamics(lag=VelocityLag(), vertical=VerticalLimits(3.0, 1.5))
+    world = make_world(city, 2, dynamics=dynamics, v_max_mps=5.0)
+    place(world, [10.0, 10.0, 50.0], [10.0, 95.0, 50.0])
+    up_or_down = np.array([UP, [1.0, 1.0, 0.0]])
+    for _ in range(3):
+        up_mps = world.step(up_or_down).velocity_enu_mps[:, 2]
+    np.testing.assert_allclose(up_mps, [3.0, -1.5], atol=1e-3)
+
+
+def test_the_actor_sees_the_estimate_and_the_referee_the_truth(city):
+    dynamics = Dynamics(lag=VelocityLag(), position_noise=Disturbance(0.3, 2.0))
+    world = make_world(city, 200, 3, "relative", TARGET_SCALING, dynamics=dynamics)
+    result = world.step(np.tile(STAY, (200, 1)))
+    seen_m = 0.5 * 100.0 * (result.next_observation[:, :3] + 1.0)
+    error_m = seen_m - result.position_enu_m
+    inside = np.all((seen_m > 0.0) & (seen_m < 100.0), axis=1)
+    assert np.std(error_m[inside]) == pytest.approx(0.3, rel=0.1)
+    np.testing.assert_allclose(seen_m[inside], world.estimate_enu_m[inside], atol=1e-4)
+
+
+def test_episodes_begin_as_varied_as_asked(city):
+    dynamics = Dynamics(lag=VelocityLag(), time_constant_s=(0.3, 1.0), start_speed_mps=4.0)
+    world = make_world(city, 400, 3, dynamics=dynamics, start_margin_m=3.0)
+    speed_mps = np.linalg.norm(world.velocity_enu_mps, axis=1)
+    assert speed_mps.max() <= 4.0
+    assert np.mean(speed_mps) == pytest.approx(2.0, rel=0.1)
+    slow_s = world.state_dict()["arrays"]["time_constant_s"]
+    assert 0.3 <= slow_s.min() < 0.35 < 0.95 < slow_s.max() <= 1.0
+    assert world.clearance_m().min() > 3.0
+
+
+def test_ways_near_obstacles_cost_reward_and_end_nothing(city):
+    rewards = []
+    for keep_weight in (0.0, 0.5):
+        reward = Reward(keep_m=3.0, keep_weight=keep_weight)
+        world = make_world(city, reward=reward, end_on_contact=True)
+        place(world, [38.0, 30.0, 25.0], [38.0, 70.0, 25.0])
+        result = world.step(NORTH[None])
+        assert not result.contact.any()
+        assert not result.terminated.any()
+        rewards.append(float(result.reward[0]))
+    assert rewards[0] - rewards[1] == pytest.approx(0.8 * 0.5, abs=0.01)
+
+
+def test_worlds_taken_out_go_on_as_if_nothing_had_happened(city):
+    options = {"dynamics": Dynamics(lag=VelocityLag(), time_constant_s=(0.3, 1.0))}
+    maps = [city, load_map("env1")]
+    whole = make_world(maps, 6, 1, "rays", TARGET_SCALING, **options)
+    rows = np.array([1, 4, 5])
+    for action in random_actions(3, 6):
+        whole.step(action)
+    taken = whole.take(rows)
+    assert [taken.map_of(i).name for i in range(3)] == [whole.map_of(i).name for i in rows]
+    for action in random_actions(10, 6):
+        expected, result = whole.step(action), taken.step(action[rows])
+        np.testing.assert_allclose(result.position_enu_m, expected.position_enu_m[rows])
+        np.testing.assert_allclose(result.reward, expected.reward[rows])
+        np.testing.assert_allclose(result.observation, expected.observation[rows], atol=1e-6)
+    np.testing.assert_allclose(taken.books().min_distance_m, whole.books().min_distance_m[rows])
+
+
+def test_a_kinematic_point_follows_no_velocity(city):
+    with pytest.raises(ValueError, match="lag"):
+        make_world(city).follow(np.zeros((1, 3)))

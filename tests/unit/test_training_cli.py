@@ -46,7 +46,7 @@ def failure(capsys, *arguments):
         (["train", "--beta", "1"], "--beta must be in [0, 1)"),
         (["train", "--updates", "0"], "--updates must be at least 1"),
         (["evaluate", "--actor", "x.onnx"], "need one of --map and --cities"),
-        (["evaluate", "--actor", "x.onnx", "--map", "free", "--shield"], "--shield is not"),
+        (["evaluate", "--actor", "paper-free", "--map", "free", "--shield"], "--shield needs"),
         (["train", "--map", "free", "--cities", "4"], "need one of --map and --cities"),
         (["evaluate", "--actor", "x.onnx", "--map", "free", "--episodes", "0"], "--episodes"),
     ],
@@ -102,16 +102,34 @@ def test_train_export_and_evaluate(capsys, tmp_path):
     assert out.is_file()
     capsys.readouterr()
 
-    arguments = ["evaluate", "--actor", str(out), "--map", "env1", "--episodes", "50", "--json"]
+    arguments = ["evaluate", "--actor", str(out), "--map", "env1", "--episodes", "20", "--json"]
     assert cli.main(arguments) == 0
     result = json.loads(capsys.readouterr().out)
     assert result.keys() >= EVALUATION_KEYS
-    assert result["episodes"] == 50
+    assert result["episodes"] == 20
     assert result["min_clearance_m"].keys() == {"p1", "p5", "p25", "p50"}
     assert result["command"].startswith("training evaluate --actor ")
+    assert result["in_the_loop"]
+    assert result["with_shield"] is None
 
     assert cli.main([*arguments[:-1], "--moving"]) == 0
     assert "flying straight" in capsys.readouterr().out
+
+
+def test_with_the_shield_both_results_stand_side_by_side(capsys):
+    arguments = ["evaluate", "--actor", "flight", "--map", "env1", "--episodes", "4", "--shield"]
+    assert cli.main([*arguments, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    shielded = result["with_shield"]
+    assert shielded.keys() == EVALUATION_KEYS - {"straight_completion_rate"}
+    assert shielded["collision_rate"] == 0.0
+    assert shielded["shield_interventions"] > 0 == result["shield_interventions"]
+    assert shielded["min_clearance_m"]["p1"] > 0.0
+
+    assert cli.main(arguments) == 0
+    out = capsys.readouterr().out
+    assert "flight, policy alone" in out
+    assert "flight, with shield" in out
 
 
 def test_a_run_in_the_way_is_not_overwritten(capsys, tmp_path):

@@ -28,6 +28,7 @@ def tiny(name, stage, updates=24):
         ddpg=dataclasses.replace(preset.ddpg, hidden=(16, 16)),
         batch_size=32,
         replay_capacity=300,
+        num_steps=min(preset.num_steps, 3),
         num_worlds=16,
         warmup_steps=3,
         validate_every=8,
@@ -284,6 +285,20 @@ def test_an_actor_is_bound_to_the_one_map_it_knows_and_else_free(tmp_path):
     cities = contract_of(record, trainer, ())
     assert cities.map is None
     assert cities.avoids_obstacles
+
+
+def test_the_contract_tells_what_the_vehicle_was_like_in_training():
+    record = make_record(stage="obstacles", layout="rays", map=None, cities=2)
+    trainer = Trainer(tiny("flight", "obstacles"), Place(cities=2), 0)
+    flight, world = contract_of(record, trainer, ()), trainer.preset.world
+    dynamics = flight.dynamics
+    assert dynamics.velocity_lag_s == world.dynamics.time_constant_s
+    assert dynamics.v_max_mps == 5.0
+    assert dynamics.step_s == pytest.approx(flight.action.rho_max * 100.0 / 5.0)
+
+    kinematic = Trainer(tiny("paper", "free"), Place(map="free"), 0)
+    paper = contract_of(make_record(preset="paper", layout="paper"), kinematic, ()).dynamics
+    assert (paper.step_s, paper.v_max_mps, paper.velocity_lag_s) == (None, None, None)
 
 
 def test_cities_need_a_layout_that_shows_obstacles(tmp_path):
