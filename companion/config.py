@@ -18,7 +18,7 @@ from companion.errors import UsageError
 from companion.mock_process import MOCK_PREFIX, MOCKS
 from companion.world.frames import GeoPoint
 
-DEFAULT_ACTOR = "paper-free"
+DEFAULT_ACTOR = "flight"
 V_MAX_LOW_MPS = 0.1
 
 
