@@ -34,6 +34,7 @@ from companion.vehicle import (
     VehicleEvent,
     VehicleState,
 )
+from companion.world.frames import GeoPoint
 from companion.world.maps import Map
 
 HEARTBEAT_PERIOD_S = 1.0
@@ -110,7 +111,11 @@ class Flight:
 
     def abandon(self) -> None:
         """Ask the vehicle to hold after an error of our own, streaming zero until it does."""
-        if self._supervisor.phase not in (Phase.ENGAGED, Phase.HOLDING, Phase.HANDING_OVER):
+        phases = (Phase.ENGAGED, Phase.HOLDING, Phase.HANDING_OVER)
+        state = self._vehicle.state()
+        if self._mission.plan.shadow or self._supervisor.phase not in phases:
+            return
+        if state is None or state.mode is not FlightMode.EXTERNAL:
             return
         self._vehicle.request(RequestKind.HOLD)
         give_up_s = self._vehicle.now_s() + ABANDON_S
@@ -247,16 +252,25 @@ class Flight:
         events = list(self._vehicle.take_events())
         for event in events:
             if event.kind is EventKind.REPOSITION and event.target is not None:
-                place = self._positions.on_map(event.target.position)
-                problem = "map and earth are not tied yet"
-                if place is not None:
-                    problem = target_problem(self._mission.map, place)
-                if place is None or problem:
-                    self._vehicle.say(f"target refused: {problem}", Severity.WARNING)
-                else:
-                    self._positions.track.set_static(place)
+                self._reposition(event.target.position, now_s)
             self._log(event.text, event.severity, now_s, event.kind is EventKind.STATUS_TEXT)
         return events
+
+    def _reposition(self, point: GeoPoint, now_s: float) -> None:
+        """Make a point that somebody has sent us the target, if no other was given."""
+        place = self._positions.on_map(point)
+        if self._mission.target.given:
+            problem = "the target was given at the start"
+        elif place is None:
+            problem = "map and earth are not tied yet"
+        else:
+            problem = target_problem(self._mission.map, place)
+        if place is not None and not problem:
+            self._positions.track.set_static(place)
+            return
+        self._log(f"target refused: {problem}", Severity.WARNING, now_s, False)
+        if not self._mission.plan.shadow:
+            self._vehicle.say(f"target refused: {problem}", Severity.WARNING)
 
     def _count(
         self,

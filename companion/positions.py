@@ -25,6 +25,11 @@ class TargetSource:
     system_id: int | None = None
 
     @property
+    def given(self) -> bool:
+        """Return whether there is any target but one that may yet be sent to us."""
+        return self.position_enu_m is not None or self.expected
+
+    @property
     def expected(self) -> bool:
         """Return whether a target has to be known before a flight starts."""
         return self.geodetic is not None or self.system_id is not None

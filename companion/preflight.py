@@ -3,7 +3,7 @@
 import numpy as np
 
 from companion.arrays import FloatArray
-from companion.guidance.supervisor import BATTERY_ENGAGE, POSITION_STALE_SOFT_S
+from companion.guidance.limits import BATTERY_ENGAGE, POSITION_STALE_SOFT_S
 from companion.guidance.target import TargetEstimate
 from companion.positions import Pose, TargetSource
 from companion.vehicle import SystemStatus, VehicleState

@@ -42,6 +42,7 @@ class Outcome(StrEnum):
     REFUSED = "refused"
     COMMAND_FAILED = "command_failed"
     STUCK = "stuck"
+    BATTERY_LOW = "battery_low"
     FAILED = "failed"
 
 
@@ -54,6 +55,7 @@ EXIT_CODES = {
     Outcome.REFUSED: 5,
     Outcome.COMMAND_FAILED: 6,
     Outcome.STUCK: 6,
+    Outcome.BATTERY_LOW: 5,
     Outcome.FAILED: 8,
 }
 

@@ -12,6 +12,28 @@ way out: the program ends, and only an operator who starts it again engages it a
 
 from dataclasses import replace
 
+from companion.guidance.limits import (
+    BATTERY_ENGAGE,
+    BATTERY_HANDOVER,
+    CATCH_UP_S,
+    FRAME_SETTLE_S,
+    FRESH_HEARTBEAT_S,
+    HANDOVER_TIMEOUT_S,
+    IDLE_STREAM_S,
+    KNOWN_MODE_S,
+    LINK_LOST_S,
+    NO_PROGRESS_S,
+    POLICY_FAILURES,
+    POSITION_STALE_HARD_S,
+    POSITION_STALE_SOFT_S,
+    PREFLIGHT_TIMEOUT_S,
+    PROGRESS_M,
+    STALL_S,
+    STREAM_GAP_S,
+    TAKEOFF_TIMEOUT_S,
+    TAKEOFF_TOLERANCE_M,
+    TARGET_LOST_S,
+)
 from companion.guidance.situation import Directive, Outcome, Phase, Plan, Situation, Stream
 from companion.guidance.target import TargetTier
 from companion.vehicle import (
@@ -22,29 +44,6 @@ from companion.vehicle import (
     SystemStatus,
     VehicleState,
 )
-
-PREFLIGHT_TIMEOUT_S = 90.0
-"""ArduCopter takes 42 s from power-up to a usable position (measured)."""
-TAKEOFF_TIMEOUT_S = 60.0
-HANDOVER_TIMEOUT_S = 4.0
-"""PX4 shows a mode change in its next 1 Hz HEARTBEAT; this allows for three lost ones."""
-IDLE_STREAM_S = 0.6
-"""Zero setpoints before OFFBOARD is asked for; PX4 needs one that is younger than 1 s."""
-POSITION_STALE_SOFT_S = 0.25
-POSITION_STALE_HARD_S = 0.5
-LINK_LOST_S = 5.0
-TARGET_LOST_S = 10.0
-NO_PROGRESS_S = 60.0
-"""So long without coming ``PROGRESS_M`` nearer to the target than ever before."""
-PROGRESS_M = 1.0
-FRAME_SETTLE_S = 1.0
-"""Zero velocity after the local frame has moved, while the new tie is looked at."""
-POLICY_FAILURES = 3
-TAKEOFF_TOLERANCE_M = 1.0
-"""A climb counts as finished so far below the asked height (PX4's NAV_MC_ALT_RAD is 0.8 m), or
-a tenth of it where that is more."""
-BATTERY_ENGAGE = 0.25
-BATTERY_HANDOVER = 0.15
 
 _COMMANDING = (Phase.ARMING, Phase.TAKING_OFF, Phase.ENGAGING)
 _FLYING = (Phase.ENGAGED, Phase.HOLDING)
@@ -74,6 +73,9 @@ class Supervisor:
         self._best_distance_m = float("inf")
         self._progress_s = now_s
         self._frame_settled_s = now_s
+        self._updated_s = now_s
+        self._caught_up_s = now_s
+        self._silent_since_s: float | None = None
 
     @property
     def phase(self) -> Phase:
@@ -90,6 +92,7 @@ class Supervisor:
         directive = (
             self._check_pilot(s)
             or self._check_link(s)
+            or self._check_stall(s)
             or self._check_operator(s)
             or self._check_health(s)
         )
@@ -108,13 +111,16 @@ class Supervisor:
     def _check_pilot(self, s: Situation) -> Directive | None:
         """Stand down when somebody else has taken the vehicle."""
         v = s.vehicle
-        active = self._phase in _COMMANDING or self._phase in _FLYING
+        if self._plan.shadow:
+            return None
         if s.foreign_setpoint and self._phase is not Phase.PREFLIGHT:
             return self._stand_down(s, f"foreign setpoints from {s.foreign_setpoint}")
-        if v is None or self._plan.shadow or not (active or self._phase is Phase.HANDING_OVER):
+        if self._phase not in (*_COMMANDING, *_FLYING, Phase.HANDING_OVER):
             return None
         if s.rebooted:
             return self._stand_down(s, "the autopilot rebooted")
+        if v is None:
+            return self._stand_down(s, "the vehicle's state is gone")
         if v.system_status >= SystemStatus.CRITICAL:
             return self._stand_down(
                 s, f"autopilot failsafe ({v.mode_name}, {v.system_status.name})"
@@ -141,6 +147,27 @@ class Supervisor:
             return self._finish(s, Outcome.LINK_LOST, f"nothing heard for {silence_s:.1f} s")
         return None
 
+    def _check_stall(self, s: Situation) -> Directive | None:
+        """After an absence of the loop itself, look before anything is asked or sent."""
+        gap_s, self._updated_s = s.now_s - self._updated_s, s.now_s
+        v = s.vehicle
+        if self._phase not in (*_COMMANDING, *_FLYING) or v is None or self._plan.shadow:
+            return None
+        if gap_s > STALL_S:
+            self._caught_up_s = s.now_s + CATCH_UP_S
+        if gap_s > STREAM_GAP_S:
+            self._silent_since_s = s.now_s
+        if self._silent_since_s is not None:
+            if v.heartbeat_time_s > self._silent_since_s:
+                self._silent_since_s = None
+            elif s.now_s - self._silent_since_s > 2 * KNOWN_MODE_S:
+                return self._finish(s, Outcome.LINK_LOST, "no heartbeat after a stall of ours")
+            else:
+                return self._directive(Stream.NOTHING)
+        if s.now_s >= self._caught_up_s:
+            return None
+        return self._directive(Stream.ZERO if self._phase in _FLYING else Stream.NOTHING)
+
     def _check_operator(self, s: Situation) -> Directive | None:
         if not s.stop_requested or self._phase is Phase.HANDING_OVER:
             return None
@@ -157,8 +184,8 @@ class Supervisor:
             return self._end(s, Outcome.FAILED, "the policy's output is not usable")
         if s.target_age_s > TARGET_LOST_S:
             return self._end(s, Outcome.TARGET_LOST, f"target silent for {s.target_age_s:.0f} s")
-        if v.battery_fraction is not None and v.battery_fraction < BATTERY_HANDOVER:
-            return self._end(s, Outcome.FAILED, f"battery at {100 * v.battery_fraction:.0f} %")
+        if _battery_below(v, BATTERY_HANDOVER):
+            return self._end(s, Outcome.BATTERY_LOW, _battery_words(v))
         return None
 
     # -- phases ------------------------------------------------------------------------------
@@ -197,6 +224,8 @@ class Supervisor:
                 return self._directive(self._idle_stream(s))
         self._saw_other_mode |= v.mode is not FlightMode.EXTERNAL or not _airborne(v)
         ask = self._next_ask(s, v)
+        if ask is not None and self._phase is Phase.READY and _battery_below(v, BATTERY_ENGAGE):
+            return self._finish(s, Outcome.REFUSED, _battery_words(v))
         if ask is not None:
             return self._ask(s, v, ask)
         if self._phase is Phase.TAKING_OFF and not self._at_height(s):
@@ -208,7 +237,9 @@ class Supervisor:
             return self._directive(self._idle_stream(s))
         if self._phase is Phase.TAKING_OFF and not self._plan.engage:
             self._enter(Phase.READY, "at height", s.now_s)
-        invited = self._saw_other_mode or self._plan.engage
+        # PX4 stays in OFFBOARD only while somebody streams; ArduPilot hovers in GUIDED by itself.
+        alone = self._plan.engage and not self._plan.stream_before_external
+        invited = self._saw_other_mode or alone or self._plan.shadow
         external = v.mode is FlightMode.EXTERNAL or self._plan.shadow
         if v.armed and _airborne(v) and external and invited:
             return self._engage(s)
@@ -218,8 +249,6 @@ class Supervisor:
 
     def _fly(self, s: Situation) -> Directive:
         v = s.vehicle
-        if s.arrived:
-            return self._end(s, Outcome.ARRIVED, f"{s.distance_m or 0.0:.1f} m from the target")
         if s.frame_moved:
             self._frame_settled_s = s.now_s + FRAME_SETTLE_S
         if s.distance_m is not None and s.distance_m < self._best_distance_m - PROGRESS_M:
@@ -244,6 +273,8 @@ class Supervisor:
             if self._phase is not Phase.HOLDING or self._reason != hold:
                 self._enter(Phase.HOLDING, hold, s.now_s)
             return self._directive(Stream.ZERO)
+        if s.arrived:
+            return self._end(s, Outcome.ARRIVED, f"{s.distance_m or 0.0:.1f} m from the target")
         if s.now_s - self._progress_s > NO_PROGRESS_S:
             return self._end(
                 s,
@@ -291,7 +322,9 @@ class Supervisor:
             streamed = (
                 self._ready_stream_s is not None and s.now_s - self._ready_stream_s >= IDLE_STREAM_S
             )
-            return RequestKind.EXTERNAL if streamed or not plan.stream_before_external else None
+            fresh = s.now_s - v.heartbeat_time_s <= FRESH_HEARTBEAT_S
+            if fresh and (streamed or not plan.stream_before_external):
+                return RequestKind.EXTERNAL
         return None
 
     def _ask(self, s: Situation, v: VehicleState, ask: RequestKind) -> Directive:
@@ -300,8 +333,7 @@ class Supervisor:
             RequestKind.TAKEOFF: Phase.TAKING_OFF,
             RequestKind.EXTERNAL: Phase.ENGAGING,
         }[ask]
-        if self._phase is Phase.READY:
-            self._mode_before = v.mode_name
+        self._mode_before = v.mode_name
         self._last_ask = ask
         self._climbing |= ask is RequestKind.TAKEOFF
         self._enter(phase, f"asking for {ask}", s.now_s)
@@ -309,8 +341,8 @@ class Supervisor:
 
     def _engage(self, s: Situation) -> Directive:
         v = s.vehicle
-        if v is not None and v.battery_fraction is not None and v.battery_fraction < BATTERY_ENGAGE:
-            return self._end(s, Outcome.REFUSED, f"battery at {100 * v.battery_fraction:.0f} %")
+        if v is not None and _battery_below(v, BATTERY_ENGAGE):
+            return self._end(s, Outcome.BATTERY_LOW, _battery_words(v))
         self._best_distance_m, self._progress_s = float("inf"), s.now_s
         self._enter(Phase.ENGAGED, "the vehicle obeys setpoints", s.now_s)
         return self._fly(s)
@@ -323,6 +355,8 @@ class Supervisor:
         )
         if not ours or v is None or self._plan.on_exit is None or self._plan.shadow:
             return self._finish(s, outcome, reason)
+        if s.now_s - v.heartbeat_time_s > KNOWN_MODE_S:
+            return self._finish(s, outcome, f"{reason}; mode not known, left to the autopilot")
         self._pending_outcome = outcome
         self._mode_before = v.mode_name
         self._last_ask = self._plan.on_exit
@@ -346,9 +380,12 @@ class Supervisor:
 
     def _mode_is_ours(self, v: VehicleState) -> bool:
         """Return whether the mode is one that our own requests can have led to."""
-        if v.mode_name == self._mode_before or v.mode is FlightMode.EXTERNAL:
+        if v.mode is FlightMode.EXTERNAL:
             return True
-        return self._climbing and v.mode in (FlightMode.TAKEOFF, FlightMode.HOLD)
+        if self._phase is Phase.TAKING_OFF and self._saw_climb:
+            return v.mode in (FlightMode.TAKEOFF, FlightMode.HOLD)
+        climbs = self._phase is Phase.TAKING_OFF and v.mode is FlightMode.TAKEOFF
+        return climbs or v.mode_name == self._mode_before
 
     def _at_height(self, s: Situation) -> bool:
         wanted_m = self._plan.takeoff_m or 0.0
@@ -364,7 +401,8 @@ class Supervisor:
         v = s.vehicle
         if not self._plan.stream_before_external or self._plan.shadow or v is None:
             return Stream.NOTHING
-        if v.system_status >= SystemStatus.CRITICAL:
+        others = self._phase is Phase.READY and v.armed and v.mode is FlightMode.EXTERNAL
+        if v.system_status >= SystemStatus.CRITICAL or others:
             self._ready_stream_s = None
             return Stream.NOTHING
         if self._ready_stream_s is None:
@@ -388,3 +426,11 @@ class Supervisor:
 
 def _airborne(v: VehicleState) -> bool:
     return v.landed in (LandedState.IN_AIR, LandedState.LANDING)
+
+
+def _battery_below(v: VehicleState, share: float) -> bool:
+    return v.battery_fraction is not None and v.battery_fraction < share
+
+
+def _battery_words(v: VehicleState) -> str:
+    return f"battery at {100 * (v.battery_fraction or 0.0):.0f} %"

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.guidance import supervisor as rules
+from companion.guidance import limits as rules
 from companion.guidance.situation import EXIT_CODES, Outcome, Phase, Plan, Situation, Stream
 from companion.guidance.supervisor import Supervisor
 from companion.guidance.target import TargetTier
@@ -410,10 +410,119 @@ def test_low_battery_refuses_and_hands_over():
     bench = Bench().in_the_air()
     bench.tick(3)
     bench.set(mode=FlightMode.EXTERNAL, battery_fraction=rules.BATTERY_ENGAGE - 0.01)
-    assert bench.tick().outcome is Outcome.REFUSED
+    assert bench.tick().outcome is Outcome.BATTERY_LOW
     bench = Bench().engaged()
     bench.set(battery_fraction=rules.BATTERY_HANDOVER - 0.01)
     assert bench.tick().request is RequestKind.HOLD
+
+
+def test_low_battery_refuses_before_the_vehicle_is_armed():
+    bench = Bench(Plan(engage=True, arm=True, takeoff_m=20.0))
+    bench.set(battery_fraction=rules.BATTERY_ENGAGE - 0.01)
+    directive = bench.tick()
+    assert directive.outcome is Outcome.REFUSED
+    assert bench.asked == []
+
+
+def test_pilot_takes_over_in_the_climb_with_the_mode_it_was_in_before():
+    bench = Bench(Plan(engage=True, arm=True, takeoff_m=20.0))
+    bench.set(mode=FlightMode.OTHER)
+    bench.tick()
+    bench.set(armed=True)
+    bench.answer()
+    assert bench.tick().request is RequestKind.TAKEOFF
+    bench.set(mode=FlightMode.TAKEOFF, landed=LandedState.IN_AIR)
+    bench.answer()
+    bench.tick(10, height_m=5.0)
+    bench.set(mode=FlightMode.OTHER)
+    directive = bench.tick(height_m=19.9)
+    assert directive.phase is Phase.STOOD_DOWN
+    assert RequestKind.EXTERNAL not in bench.asked
+
+
+def test_the_external_mode_is_asked_for_on_a_fresh_heartbeat_only():
+    bench = Bench(Plan(engage=True)).in_the_air()
+    bench.tick(3)
+    heard_s = bench.now_s
+    for _ in range(15):
+        bench.now_s += TICK_S
+        bench.set(time_s=bench.now_s, heartbeat_time_s=heard_s)
+        assert bench.tick(alive=False).request is None
+    assert bench.tick().request is RequestKind.EXTERNAL
+
+
+def test_somebody_elses_offboard_gets_no_stream_of_ours():
+    for plan in (Plan(), Plan(engage=True)):
+        bench = Bench(plan).in_the_air(FlightMode.EXTERNAL)
+        for _ in range(100):
+            directive = bench.tick()
+            assert directive.stream is Stream.NOTHING
+            assert directive.phase is Phase.READY
+
+
+def stall(bench, duration_s):
+    """Let the loop be away; return the first directive after it, on the old knowledge."""
+    bench.now_s += duration_s
+    return bench.tick(alive=False)
+
+
+def test_after_a_long_stall_nothing_is_asked_and_nothing_streams():
+    bench = Bench().engaged()
+    directive = stall(bench, 3.0)
+    assert directive.stream is Stream.NOTHING
+    assert directive.request is None
+    bench.set(mode=FlightMode.OTHER)
+    directive = bench.tick()
+    assert directive.outcome is Outcome.STOOD_DOWN
+    assert bench.asked == []
+
+
+def test_after_a_stall_longer_than_the_failsafe_a_new_heartbeat_decides():
+    bench = Bench().engaged()
+    assert stall(bench, 1.2).stream is Stream.NOTHING
+    before_s = bench.vehicle.heartbeat_time_s
+    for _ in range(6):
+        bench.set(time_s=bench.now_s + TICK_S, heartbeat_time_s=before_s)
+        assert bench.tick(alive=False).stream is Stream.NOTHING
+    assert bench.tick().stream is Stream.POLICY
+
+
+def test_a_stall_without_a_heartbeat_after_it_ends_in_silence():
+    bench = Bench().engaged()
+    stall(bench, 1.2)
+    for _ in range(200):
+        directive = bench.tick(alive=False)
+        assert directive.stream is Stream.NOTHING
+        assert directive.request is None
+    assert directive.outcome is Outcome.LINK_LOST
+
+
+def test_a_short_stall_waits_a_moment_and_goes_on():
+    bench = Bench().engaged()
+    bench.now_s += 0.5
+    assert bench.tick().stream is Stream.ZERO
+    assert bench.tick(8).stream is Stream.POLICY
+
+
+def test_a_reboot_stands_down_though_the_state_is_gone_with_it():
+    bench = Bench().engaged()
+    bench.now_s += TICK_S
+    situation = replace(bench.situation, now_s=bench.now_s, vehicle=None, rebooted=True)
+    directive = bench.supervisor.update(situation)
+    assert directive.phase is Phase.STOOD_DOWN
+    assert "rebooted" in directive.reason
+
+
+@pytest.mark.parametrize(
+    "doubt", [{"position_valid": False}, {"mode_name": "OFFBOARD", "position_valid": False}]
+)
+def test_a_position_in_doubt_is_no_arrival(doubt):
+    bench = Bench().engaged()
+    bench.set(**doubt)
+    directive = bench.tick(arrived=True, distance_m=1.0)
+    assert (directive.phase, directive.stream) == (Phase.HOLDING, Stream.ZERO)
+    bench = Bench().engaged()
+    assert bench.tick(arrived=True, frame_moved=True).phase is Phase.HOLDING
 
 
 def test_preflight_waits_then_refuses_with_what_is_missing():

@@ -1,0 +1,34 @@
+"""The numbers of the supervisor: how long it waits, and what it counts as too much."""
+
+PREFLIGHT_TIMEOUT_S = 90.0
+"""ArduCopter takes 42 s from power-up to a usable position (measured)."""
+TAKEOFF_TIMEOUT_S = 60.0
+HANDOVER_TIMEOUT_S = 4.0
+"""PX4 shows a mode change in its next 1 Hz HEARTBEAT; this allows for three lost ones."""
+IDLE_STREAM_S = 0.6
+"""Zero setpoints before OFFBOARD is asked for; PX4 needs one that is younger than 1 s."""
+POSITION_STALE_SOFT_S = 0.25
+POSITION_STALE_HARD_S = 0.5
+LINK_LOST_S = 5.0
+TARGET_LOST_S = 10.0
+NO_PROGRESS_S = 60.0
+"""So long without coming ``PROGRESS_M`` nearer to the target than ever before."""
+PROGRESS_M = 1.0
+FRAME_SETTLE_S = 1.0
+"""Zero velocity after the local frame has moved, while the new tie is looked at."""
+POLICY_FAILURES = 3
+TAKEOFF_TOLERANCE_M = 1.0
+"""A climb counts as finished so far below the asked height (PX4's NAV_MC_ALT_RAD is 0.8 m), or
+a tenth of it where that is more."""
+FRESH_HEARTBEAT_S = 0.2
+"""The external mode is asked for on a HEARTBEAT this young: a pilot's change shows in the next."""
+KNOWN_MODE_S = 1.5
+"""On an older HEARTBEAT nothing is asked of the vehicle: the pilot may have it by now."""
+STALL_S = 0.3
+"""The loop was away so long (swapped out, stopped): first look, then act."""
+CATCH_UP_S = 0.25
+STREAM_GAP_S = 0.8
+"""After a longer gap PX4 may have left OFFBOARD (COM_OF_LOSS_T is 1 s) and would take it back by
+itself if the stream went on: silence, until a new HEARTBEAT tells."""
+BATTERY_ENGAGE = 0.25
+BATTERY_HANDOVER = 0.15
