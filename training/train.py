@@ -223,15 +223,19 @@ def _build(record: RunRecord) -> Trainer:
 
 
 def _transfer(trainer: Trainer, source: RunFolder) -> None:
+    """Start from the critics of another run and from its best actor, where one was validated."""
     record = source.read_record()
     if record.layout != trainer.preset.layout_name:
         raise UsageError(
             f"--init {source.folder} was trained on layout {record.layout}, "
             f"this run uses {trainer.preset.layout_name}"
         )
-    state = source.load_checkpoint()["trainer"]["learner"]
+    state = source.load_checkpoint()["trainer"]
+    networks = dict(state["learner"])
+    if best := state["best"]["network"]:
+        networks |= dict.fromkeys(("actor", "actor_target", "actor_average"), best)
     try:
-        trainer.learner.transfer_from(state)
+        trainer.learner.transfer_from(networks)
     except RuntimeError as error:
         raise UsageError(
             f"--init {source.folder}: its networks differ in shape from those of preset "
