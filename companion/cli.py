@@ -2,11 +2,13 @@
 
 import logging
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import FrameType
 from typing import Annotated, Literal
 
 import msgspec
@@ -93,8 +95,12 @@ def main(argv: Sequence[str] | None = None) -> None:
         code = _main(list(sys.argv[1:] if argv is None else argv))
         sys.stdout.flush()
     except BrokenPipeError:  # the reader, head or less, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _close_stdout()
         code = 0
+    except OSError as error:
+        _close_stdout()
+        _complain(f"cannot write: {error.strerror or error}")
+        code = CompanionError.exit_code
     sys.exit(code)
 
 
@@ -132,6 +138,8 @@ def _main(argv: list[str]) -> int:
 
 def _run(argv: list[str]) -> int:
     config = _parse_run(argv)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _interrupt)
     logging.basicConfig(
         level=logging.INFO, stream=sys.stderr, format="%(relativeCreated)8.0f ms  %(message)s"
     )
@@ -271,6 +279,15 @@ def _failed(error: BaseException) -> Summary:
 
 def _print_json(result: msgspec.Struct) -> None:
     print(msgspec.json.encode(result).decode(), flush=True)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _close_stdout() -> None:
+    """Leave nothing for the interpreter to flush at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _complain(text: str) -> None:

@@ -15,7 +15,7 @@ import yaml
 
 from companion.arrays import FloatArray
 from companion.errors import UsageError
-from companion.mock_process import MOCK_PREFIX, MOCKS
+from companion.mock_process import MOCK_PREFIX, MOCK_SYSID, MOCKS
 from companion.world.frames import GeoPoint
 
 DEFAULT_ACTOR = "flight"
@@ -82,6 +82,8 @@ class SiteConfig:
                 raise UsageError(f"--{name.replace('_', '-')} must be 1 to 255, got {value}")
         if self.target_sysid is not None and self.target_sysid == self.vehicle_sysid:
             raise UsageError(f"--target-sysid {self.target_sysid} is the vehicle itself")
+        if self.target_sysid == MOCK_SYSID and self.connect in MOCKS:
+            raise UsageError(f"--target-sysid {self.target_sysid} is the mock vehicle; try 42")
         self.target_enu_m()
         self.target_geodetic()
 
@@ -178,6 +180,8 @@ def load_run_config(path: Path) -> RunConfig:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"cannot read --config {path}: {error}") from error
+    except RecursionError as error:
+        raise UsageError(f"--config {path} is nested too deeply") from error
     except yaml.YAMLError as error:
         raise UsageError(f"--config {path} is not YAML: {_one_line(error)}") from error
     if not isinstance(data, dict):

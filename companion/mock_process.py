@@ -15,6 +15,7 @@ from companion.errors import LinkOpenError
 
 MOCK_PREFIX = "mock:"
 MOCKS = ("mock:px4", "mock:ardupilot")
+MOCK_SYSID = 1
 _STOP_S = 3.0
 _LOG = logging.getLogger("companion")
 

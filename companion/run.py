@@ -111,7 +111,7 @@ def run(config: RunConfig) -> Summary:
 
 @contextlib.contextmanager
 def _stop_flag() -> Iterator[Callable[[], bool]]:
-    """Turn the first SIGINT or SIGTERM into a flag; the second one ends the program at once."""
+    """Turn the first SIGINT, SIGTERM or SIGHUP into a flag; the second ends the program at once."""
     asked: list[int] = []
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
@@ -120,7 +120,8 @@ def _stop_flag() -> Iterator[Callable[[], bool]]:
         asked.append(number)
 
     before = {
-        number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)
+        number: signal.signal(number, on_signal)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     }
     try:
         yield lambda: bool(asked)

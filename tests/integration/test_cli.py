@@ -1,7 +1,10 @@
 """The command line around the commands: help, version, unknown words, closed pipes."""
 
+import signal
+import socket
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -40,6 +43,45 @@ def test_errors_are_one_line(words, code, says):
     assert says in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert done.stdout == ""
+
+
+def test_an_output_that_is_full_is_one_line():
+    with open("/dev/full", "w") as full:  # noqa: PTH123
+        done = subprocess.run(
+            [*COMPANION, "maps", "check", "env1"],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert done.returncode == 8
+    assert len(done.stderr.splitlines()) == 1
+
+
+def is_taken(port):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return True
+    return False
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_before_the_flight_ends_with_130(number, tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with subprocess.Popen(
+        [*COMPANION, "run", "--connect", f"udp:127.0.0.1:{port}", "--record", str(tmp_path)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        while not is_taken(port):
+            assert process.poll() is None
+            time.sleep(0.1)
+        process.send_signal(number)
+        error = process.stderr.read()
+        assert process.wait(10) == 130
+    assert error == "companion: interrupted\n"
 
 
 def test_a_reader_that_has_seen_enough_is_no_error():

@@ -37,6 +37,7 @@ def test_the_defaults_move_nothing():
         ({"target_sysid": 0}, "--target-sysid"),
         ({"vehicle_sysid": 300}, "--vehicle-sysid"),
         ({"vehicle_sysid": 7, "target_sysid": 7}, "vehicle itself"),
+        ({"connect": "mock:px4", "target_sysid": 1}, "mock vehicle"),
     ],
 )
 def test_refused_by_name_in_one_line(change, names):
@@ -73,6 +74,7 @@ def test_file_holds_the_same_options(tmp_path):
         ("- a list", "options"),
         ("a: [", "YAML"),
         ("config: other.yaml", "config"),
+        ("a: " + "[" * 5000, "deep"),
     ],
 )
 def test_file_errors_name_the_key(tmp_path, text, names):
