@@ -32,7 +32,7 @@ help:
 install: .venv/dev.stamp
 
 demo: .venv/flight.stamp
-	$(BIN)/companion run --connect mock:px4 --map env1 --target 85,80,25 --arm --takeoff 20 --engage
+	$(BIN)/companion run --connect mock:px4 --map env1 --target 90,50,40 --arm --takeoff 20 --engage
 
 test: lint types imports pytest
 
