@@ -165,6 +165,7 @@ def _record(options: "cli.Train", place: Place, typed: str) -> RunRecord:
         init=None if options.init is None else str(options.init),
         git_revision=git_revision(),
         command=typed,
+        preset_digest=preset.digest,
     )
 
 

@@ -23,6 +23,7 @@ A preset has a stage ``free`` (the paper's source task) and a stage ``obstacles`
 from the networks of the first.
 """
 
+import hashlib
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -141,6 +142,11 @@ class Preset:
         """Return the action's meaning: psi is measured the way the layout sees the target."""
         scaling = PAPER_SCALING if self.layout_name == "paper" else TARGET_SCALING
         return msgspec.structs.replace(scaling, rho_max=self.rho_max)
+
+    @property
+    def digest(self) -> str:
+        """Return a hash of every number: a run may only go on, or be exported, with its own."""
+        return hashlib.sha256(repr(self).encode()).hexdigest()[:12]
 
     @property
     def in_the_loop(self) -> bool:

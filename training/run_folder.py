@@ -30,6 +30,8 @@ class RunRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     init: str | None
     git_revision: str
     command: str
+    preset_digest: str = ""
+    """Of the preset as it was; runs of before it was noted cannot be told from changed ones."""
 
 
 class RunFolder:

@@ -64,10 +64,10 @@ def resume_run(folder: RunFolder) -> Trainer:
     """Set up a run to go on from its checkpoint to the result it would have had.
 
     Raises:
-        UsageError: If there is no run, no checkpoint, or the map has changed since.
+        UsageError: If there is no run, no checkpoint, or the map or the preset has changed since.
     """
     record = folder.read_record()
-    trainer = _build(record)
+    trainer = _rebuild(record, folder)
     if content_hash(trainer.maps) != record.map_hash:
         raise UsageError(f"what {trainer.place.label} means has changed since {folder.folder}")
     state = folder.load_checkpoint()
@@ -132,10 +132,11 @@ def export_run(folder: RunFolder, path: Path, *, now_s: Callable[[], float]) -> 
     """Export the best actor of a run, proven on held-out cases, to ``path``.
 
     Raises:
-        UsageError: If the run has no checkpoint, or none of its actors was validated yet.
+        UsageError: If the run has no checkpoint, none of its actors was validated yet, or the
+            preset has changed since: the contract would tell of another training.
     """
     record = folder.read_record()
-    trainer = _build(record)
+    trainer = _rebuild(record, folder)
     trainer.load_state_dict(folder.load_checkpoint()["trainer"])
     if not trainer.best.network:
         raise UsageError(f"{folder.folder}: no actor was validated yet, train on with --resume")
@@ -220,6 +221,16 @@ def _build(record: RunRecord) -> Trainer:
             f"layout {preset.layout_name} shows no obstacles: it learns one --map only"
         )
     return Trainer(preset, place, record.seed)
+
+
+def _rebuild(record: RunRecord, folder: RunFolder) -> Trainer:
+    trainer = _build(record)
+    if record.preset_digest != trainer.preset.digest:
+        raise UsageError(
+            f"preset {record.preset} has changed since {folder.folder}: train again, or go back "
+            f"to revision {record.git_revision}"
+        )
+    return trainer
 
 
 def _transfer(trainer: Trainer, source: RunFolder) -> None:

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 
+import msgspec
 import numpy as np
 import pytest
 import torch
@@ -14,7 +15,7 @@ from training import train
 from training.export import export_actor, largest_difference
 from training.networks import ActorNetwork
 from training.places import Place
-from training.presets import PRESETS
+from training.presets import PRESETS, load_preset
 from training.run_folder import RunFolder, RunRecord
 from training.train import contract_of, export_run, resume_run, start_run
 from training.trainer import Trainer, act
@@ -61,7 +62,17 @@ def make_record(**changes):
         git_revision="unknown",
         command="training train",
     )
-    return RunRecord(**{**{f: getattr(record, f) for f in record.__struct_fields__}, **changes})
+    record = msgspec.structs.replace(record, **changes)
+    if "preset_digest" in changes:
+        return record
+    preset = load_preset(
+        record.preset,
+        record.stage,
+        layout=record.layout,
+        updates=record.updates,
+        beta=record.beta,
+    )
+    return msgspec.structs.replace(record, preset_digest=preset.digest)
 
 
 def run_to_the_end(trainer, folder, stop_after=None):
@@ -213,6 +224,18 @@ def test_resuming_on_a_map_that_changed_is_refused(tmp_path):
     folder.write_record(make_record(map_hash="0" * 64))
     with pytest.raises(UsageError, match="has changed"):
         resume_run(folder)
+
+
+@pytest.mark.parametrize("digest", ["", "0" * 12])
+def test_a_run_of_another_preset_is_neither_resumed_nor_exported(tmp_path, digest):
+    """Its contract would tell of a step and of a vehicle that its training never knew."""
+    folder = RunFolder(tmp_path / "run")
+    run_to_the_end(start_run(make_record(), folder), folder, stop_after=6)
+    folder.write_record(make_record(preset_digest=digest))
+    with pytest.raises(UsageError, match="preset flight has changed"):
+        resume_run(folder)
+    with pytest.raises(UsageError, match="preset flight has changed"):
+        export_run(folder, tmp_path / "a.onnx", now_s=lambda: 0.0)
 
 
 @pytest.mark.parametrize("content", [b"", b"not a checkpoint", b"\x80\x02}q\x00."])
