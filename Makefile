@@ -46,9 +46,9 @@ types: .venv/dev.stamp
 imports: .venv/dev.stamp
 	$(BIN)/lint-imports
 
-# Four at a time: flights over sockets take real time, and hardly a core.
+# Three at a time: flights over sockets take real time, and hardly a core.
 pytest: .venv/dev.stamp
-	$(BIN)/python -m pytest --numprocesses 4 --dist loadfile
+	$(BIN)/python -m pytest --numprocesses 3 --dist loadfile
 
 test-slow: .venv/dev.stamp
 	$(BIN)/python -m pytest -m slow --timeout=3600
