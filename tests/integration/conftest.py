@@ -17,6 +17,7 @@ from companion.vehicle import FlightMode, LandedState, RequestKind, RequestState
 
 MOCK_SPEED = 4
 """Simulated seconds per second."""
+RELAY_BUFFER_BYTES = 4 << 20
 HOLD_STILL = np.zeros(3)
 
 
@@ -106,6 +107,9 @@ class Relay(threading.Thread):
         self._front.bind(("127.0.0.1", 0))
         self._back = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._back.bind(("127.0.0.1", 0))
+        for end in (self._front, self._back):
+            # A mock at this speed fills the default buffer within 0.2 s: a busy machine loses some.
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RELAY_BUFFER_BYTES)
         self._stopping = threading.Event()
         self.port = self._front.getsockname()[1]
         self.of_companion = []
