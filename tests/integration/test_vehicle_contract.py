@@ -31,6 +31,7 @@ BACKENDS = [
 ]
 VEHICLES = [
     "px4",
+    "ardupilot",
     pytest.param(
         "real", marks=pytest.mark.skipif(not REAL_URL, reason="COMPANION_TEST_CONNECT is not set")
     ),
