@@ -116,6 +116,7 @@ class RequestKind(StrEnum):
     """What the companion may ask of a vehicle."""
 
     ARM = "arm"
+    DISARM = "disarm"
     TAKEOFF = "take-off"
     EXTERNAL = "external mode"
     HOLD = "hold"

@@ -144,11 +144,13 @@ class Autopilot:
             refusal = "TEMPORARILY_REJECTED: Switching to Offboard is currently not available"
         elif kind is RequestKind.TAKEOFF and not self.armed:
             refusal = "TEMPORARILY_REJECTED: not armed"
+        elif kind is RequestKind.DISARM and not self.landed:
+            refusal = "TEMPORARILY_REJECTED: not landed"
         if refusal:
             self.request_status = RequestStatus(kind, RequestState.REJECTED, refusal)
             return
-        if kind is RequestKind.ARM:
-            self.armed = True
+        if kind in (RequestKind.ARM, RequestKind.DISARM):
+            self.armed = kind is RequestKind.ARM
         elif kind is not None:
             self.choose(_MODES[kind], now_s)
         self.request_status = RequestStatus(kind, RequestState.CONFIRMED, "ACCEPTED")

@@ -11,6 +11,8 @@ POSITION_STALE_SOFT_S = 0.25
 POSITION_STALE_HARD_S = 0.5
 LINK_LOST_S = 5.0
 TARGET_LOST_S = 10.0
+HOLDING_LIMIT_S = 10.0
+"""A hold of ours is zero velocity, which drifts; after this the autopilot's own hold takes over."""
 NO_PROGRESS_S = 60.0
 """So long without coming ``PROGRESS_M`` nearer to the target than ever before."""
 PROGRESS_M = 1.0

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+from companion.guidance.reasons import Reason
 from companion.guidance.target import TargetTier
 from companion.vehicle import RequestKind, RequestStatus, SystemStatus, VehicleState
 
@@ -39,6 +40,8 @@ class Outcome(StrEnum):
     STOOD_DOWN = "stood_down"
     LINK_LOST = "link_lost"
     TARGET_LOST = "target_lost"
+    POSITION_LOST = "position_lost"
+    """The vehicle does not know where it is, or we do not know where that is on the map."""
     REFUSED = "refused"
     COMMAND_FAILED = "command_failed"
     STUCK = "stuck"
@@ -52,6 +55,7 @@ EXIT_CODES = {
     Outcome.STOOD_DOWN: 7,
     Outcome.LINK_LOST: 4,
     Outcome.TARGET_LOST: 4,
+    Outcome.POSITION_LOST: 4,
     Outcome.REFUSED: 5,
     Outcome.COMMAND_FAILED: 6,
     Outcome.STUCK: 6,
@@ -98,9 +102,14 @@ class Situation:
     """Who else sends setpoints to our vehicle; empty when nobody."""
     rebooted: bool = False
     frame_moved: bool = False
+    frame_untied: str = ""
+    """How local and global position contradict each other; empty when they agree."""
     policy_failures: int = 0
     """Policy outputs in a row that were not usable."""
     stop_requested: bool = False
+    """By a signal to the program."""
+    paused_by: str = ""
+    """Who has sent us DO_PAUSE_CONTINUE; empty when nobody."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +119,9 @@ class Directive:
     phase: Phase
     stream: Stream
     reason: str
-    """Why the supervisor is in this phase, for the log, STATUSTEXT and Rerun."""
+    """Why the supervisor is in this phase, in words."""
+    code: Reason = Reason.STARTED
+    """The same for scripts."""
     request: RequestKind | None = None
     """To be started in this tick."""
     outcome: Outcome | None = None

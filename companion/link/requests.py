@@ -78,10 +78,12 @@ def plan_request(
     Raises:
         ValueError: If a take-off comes without an altitude above zero.
     """
-    if kind is RequestKind.ARM:
-        params = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if kind in (RequestKind.ARM, RequestKind.DISARM):
+        arms = kind is RequestKind.ARM
+        # param2 stays 0: never forced, so a vehicle in the air refuses to disarm
+        params = (float(arms), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         command = Command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, params)
-        return Plan(command, lambda: telemetry.armed, yields=False)
+        return Plan(command, lambda: telemetry.armed is arms, yields=False)
     if kind is RequestKind.TAKEOFF:
         if altitude_m is None or not 0.0 < altitude_m < 1e4:
             raise ValueError(f"a take-off needs an altitude above zero, got {altitude_m}")

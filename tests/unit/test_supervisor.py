@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from companion.guidance import limits as rules
+from companion.guidance.reasons import Reason
 from companion.guidance.situation import EXIT_CODES, Outcome, Phase, Plan, Situation, Stream
 from companion.guidance.supervisor import Supervisor
 from companion.guidance.target import TargetTier
@@ -549,6 +550,8 @@ EVENTS = {
     "reboot": ({}, {"rebooted": True}),
     "foreign setpoints": ({}, {"foreign_setpoint": "system 1/192"}),
     "signal": ({}, {"stop_requested": True}),
+    "pause": ({}, {"paused_by": "255/190"}),
+    "frame contradicts itself": ({}, {"frame_untied": "4.0 m apart"}),
     "target lost": ({}, {"target": TargetTier.LOST, "target_age_s": 60.0}),
     "policy broken": ({}, {"policy_failures": 9}),
     "frame moved": ({}, {"frame_moved": True}),
@@ -621,3 +624,126 @@ def test_every_event_in_every_phase(phase, event):
     if directive.outcome is not None:
         assert directive.stream is Stream.NOTHING
         assert directive.outcome in EXIT_CODES
+
+
+def armed_on_the_ground(plan=None):
+    """Bring it to ARMING with the vehicle armed and nothing else asked."""
+    bench = Bench(plan or Plan(engage=True, arm=True, takeoff_m=20.0))
+    assert bench.tick().request is RequestKind.ARM
+    bench.set(armed=True, system_status=SystemStatus.ACTIVE)
+    return bench
+
+
+@pytest.mark.parametrize("acknowledged", [False, True])
+def test_a_signal_while_arming_disarms(acknowledged):
+    bench = armed_on_the_ground()
+    if acknowledged:
+        bench.answer()
+    directive = bench.tick(stop_requested=True)
+    assert (directive.phase, directive.request) == (Phase.HANDING_OVER, RequestKind.DISARM)
+    assert bench.tick(5).phase is Phase.HANDING_OVER
+    bench.set(armed=False)
+    bench.answer()
+    directive = bench.tick()
+    assert (directive.outcome, directive.code) == (Outcome.STOPPED, Reason.SIGNAL)
+    assert "not confirmed" not in directive.reason
+
+
+def test_a_signal_before_the_take_off_is_seen_holds_and_then_disarms():
+    bench = armed_on_the_ground()
+    bench.answer()
+    assert bench.tick().request is RequestKind.TAKEOFF
+    assert bench.tick(stop_requested=True).request is RequestKind.HOLD
+    bench.set(mode=FlightMode.HOLD)
+    bench.answer()
+    assert bench.tick().request is RequestKind.DISARM
+    bench.set(armed=False)
+    bench.answer()
+    assert bench.tick().outcome is Outcome.STOPPED
+
+
+def test_a_vehicle_that_has_left_the_ground_is_never_disarmed():
+    bench = armed_on_the_ground()
+    bench.answer()
+    bench.tick()
+    bench.set(mode=FlightMode.TAKEOFF, landed=LandedState.IN_AIR)
+    bench.answer()
+    bench.tick(10, height_m=3.0)
+    assert bench.tick(stop_requested=True).request is RequestKind.HOLD
+    bench.set(mode=FlightMode.HOLD)
+    assert bench.tick().outcome is Outcome.STOPPED
+    assert RequestKind.DISARM not in bench.asked
+
+
+def test_a_refused_take_off_does_not_leave_the_vehicle_armed():
+    bench = armed_on_the_ground()
+    bench.answer()
+    assert bench.tick().request is RequestKind.TAKEOFF
+    bench.answer(RequestState.REJECTED, "DENIED")
+    assert bench.tick().request is RequestKind.DISARM
+    bench.set(armed=False)
+    bench.answer()
+    directive = bench.tick()
+    assert (directive.outcome, directive.code) == (Outcome.COMMAND_FAILED, Reason.REJECTED)
+    assert "DENIED" in directive.reason
+
+
+def test_a_vehicle_armed_by_its_pilot_is_never_disarmed():
+    bench = Bench(Plan(engage=True, takeoff_m=20.0))
+    bench.set(armed=True, system_status=SystemStatus.ACTIVE)
+    assert bench.tick().request is RequestKind.TAKEOFF
+    bench.tick(stop_requested=True)
+    bench.set(mode=FlightMode.HOLD)
+    bench.answer()
+    bench.tick(200)
+    assert RequestKind.DISARM not in bench.asked
+
+
+def test_with_on_exit_none_nothing_is_asked_at_the_end():
+    bench = armed_on_the_ground(Plan(engage=True, arm=True, takeoff_m=20.0, on_exit=None))
+    assert bench.tick(stop_requested=True).outcome is Outcome.STOPPED
+    assert bench.asked == [RequestKind.ARM]
+
+
+def test_a_pause_by_mavlink_gives_the_vehicle_back_for_good():
+    bench = Bench().engaged()
+    directive = bench.tick(paused_by="255/190")
+    assert directive.request is RequestKind.HOLD
+    bench.set(mode=FlightMode.HOLD)
+    directive = bench.tick(paused_by="")
+    assert (directive.outcome, directive.code) == (Outcome.STOOD_DOWN, Reason.PAUSED)
+    assert "255/190" in directive.reason
+    assert EXIT_CODES[directive.outcome] == 7
+
+
+def test_a_frame_that_contradicts_itself_holds_and_then_hands_over():
+    bench = Bench().engaged()
+    directive = bench.tick(frame_untied="local and global position are 4.0 m apart")
+    assert (directive.phase, directive.stream) == (Phase.HOLDING, Stream.ZERO)
+    assert directive.code is Reason.FRAME_UNTIED
+    assert bench.tick(frame_untied="").stream is Stream.POLICY
+    directive = bench.tick(
+        round(rules.HOLDING_LIMIT_S / TICK_S) + 3, frame_untied="local and global ..."
+    )
+    assert bench.asked == [RequestKind.HOLD]
+    bench.set(mode=FlightMode.HOLD)
+    directive = bench.tick()
+    assert (directive.outcome, directive.code) == (Outcome.POSITION_LOST, Reason.FRAME_UNTIED)
+    assert EXIT_CODES[directive.outcome] == 4
+
+
+def test_a_contradicting_frame_keeps_the_flight_from_starting():
+    bench = Bench(Plan(engage=True, arm=True, takeoff_m=20.0))
+    directive = bench.tick(100, frame_untied="local and global position are 4.0 m apart")
+    assert directive.phase is Phase.PREFLIGHT
+    assert bench.asked == []
+    assert bench.tick(frame_untied="").request is RequestKind.ARM
+
+
+def test_every_transition_has_a_code_that_tells_it_from_the_others():
+    bench = Bench().engaged()
+    assert bench.tick().code is Reason.ENGAGED
+    assert bench.tick(target=TargetTier.HOLD).code is Reason.TARGET_SILENT
+    assert bench.tick(target=TargetTier.FRESH).code is Reason.RESUMED
+    bench.set(mode=FlightMode.OTHER)
+    assert bench.tick().code is Reason.MODE_CHANGED
