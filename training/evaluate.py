@@ -100,18 +100,11 @@ def evaluate_policy(
         now_s: Clock for ``seconds``.
     """
     began_s = now_s()
-    world = CityWorld(
-        maps,
-        layout,
-        scaling,
-        episodes,
-        generator(seed, purpose),
-        horizon=HORIZON,
-        arrival_radius_m=ARRIVAL_RADIUS_M,
-        target_motion="moving" if moving else "static",
+    world = paper_world(
+        maps, layout, scaling, episodes=episodes, seed=seed, purpose=purpose, moving=moving
     )
     observation = world.reset()
-    places = _worlds_by_map(world) if measure_clearance else ()
+    places = maps_with_worlds(world) if measure_clearance else ()
     clearance_m = np.full(episodes, np.inf)
     under_way: BoolArray = np.ones(episodes, dtype=np.bool_)
     for _ in range(HORIZON):
@@ -127,6 +120,33 @@ def evaluate_policy(
     return summarise(result.episode_end, clearance_m, seconds=now_s() - began_s)
 
 
+def paper_world(
+    maps: Sequence[Map],
+    layout: Layout,
+    scaling: ActionScaling,
+    *,
+    episodes: int,
+    seed: int,
+    purpose: Purpose = Purpose.TEST,
+    moving: bool = False,
+) -> CityWorld:
+    """Return the paper's kinematic world with one case in each of ``episodes`` worlds.
+
+    The cases begin with its next ``reset``, the same ones for the same seed and purpose,
+    whatever the layout.
+    """
+    return CityWorld(
+        maps,
+        layout,
+        scaling,
+        episodes,
+        generator(seed, purpose),
+        horizon=HORIZON,
+        arrival_radius_m=ARRIVAL_RADIUS_M,
+        target_motion="moving" if moving else "static",
+    )
+
+
 def completion_of(ended: EpisodeEnd, radius_m: float) -> float:
     """Return the share of cases that came within ``radius_m`` before any contact."""
     return float(np.mean(ended.min_distance_m < radius_m))
@@ -140,7 +160,7 @@ def wilson_interval(rate: float, count: int) -> tuple[float, float]:
     return max(0.0, float(centre - half)), min(1.0, float(centre + half))
 
 
-def _worlds_by_map(world: CityWorld) -> list[tuple[Map, IntArray]]:
+def maps_with_worlds(world: CityWorld) -> list[tuple[Map, IntArray]]:
     """Return every map with the worlds that lie on it."""
     worlds: dict[str, list[int]] = {}
     maps: dict[str, Map] = {}
