@@ -1,0 +1,221 @@
+"""What a vehicle needs to know of its way: the farthest point of it in sight, and what is left.
+
+One function answers for one vehicle in flight and for thousands in simulation: rows lie on grids
+of one shape, each with a field of its own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.arrays import BoolArray, FloatArray, IntArray
+from companion.world.skyline import BESIDE, NEAR
+from companion.world.ways import CELL_M, HERE, MOVES, WayField, WayGrid
+
+LOOKS: IntArray = np.array((1, 2, 3, 4, 6, 8, 11, 16))
+"""After so many moves each the way is looked at; the last that is in sight is the aim."""
+BEYOND_LOOKS = 2
+"""So many looks farther lies the point that says where the way turns then."""
+_SAMPLES = 16
+"""Points of a line of sight."""
+_ENDS_M = 0.75
+"""Vehicle, target and centres of cells may stand close to a wall."""
+_CLOSE_M = 4.0
+_MOST_AIMS = 200
+_AROUND = MOVES[:HERE]
+_SHARE = ((np.arange(_SAMPLES) + 0.5) / _SAMPLES).astype(np.float32)[:, None, None]
+
+
+@dataclass(frozen=True, slots=True)
+class WayAhead:
+    """Of each vehicle; arrays of shape ``(..., 3)`` and ``(...)``."""
+
+    aim_enu_m: FloatArray
+    """The farthest point of the way in sight: the target itself where that is."""
+    beyond_enu_m: FloatArray
+    """A point of the way some moves behind the aim."""
+    left_m: FloatArray
+    """What is left of the way, in metres of level flight."""
+    known: BoolArray
+    """Whether there is a way; else aim and beyond are the target, and what is left is straight."""
+
+    @classmethod
+    def straight(cls, position_enu_m: FloatArray, target_enu_m: FloatArray) -> "WayAhead":
+        """Return what is said where no way is known."""
+        way_m = target_enu_m - position_enu_m
+        aim_enu_m = np.broadcast_to(target_enu_m, way_m.shape)
+        unknown = np.zeros(way_m.shape[:-1], dtype=np.bool_)
+        return cls(aim_enu_m, aim_enu_m, np.sqrt(np.square(way_m).sum(axis=-1)), unknown)
+
+
+class Ways:
+    """Fields over grids of one shape, laid end to end for batches.
+
+    Args:
+        grids: All of one shape and one lowest corner.
+        fields: Those to answer from.
+        grid_of_field: Shape ``(F,)``.
+    """
+
+    def __init__(
+        self, grids: Sequence[WayGrid], fields: Sequence[WayField], grid_of_field: IntArray
+    ) -> None:
+        first = grids[0]
+        self._low_m, self._shape = first.low_m, np.array(first.shape)
+        self._cells = int(np.prod(first.shape))
+        self._stride = np.array((first.shape[1] * first.shape[2], first.shape[2], 1))
+        self._jump = MOVES @ self._stride
+        self._nodes = first.skyline.height_m.shape[1:]
+        self._spacing_m = first.skyline.spacing_m
+        self._skyline_m = np.concatenate(
+            [grid.skyline.height_m[margin].ravel() for margin in (BESIDE, NEAR) for grid in grids]
+        )
+        self._margin_stride = len(self._skyline_m) // 2
+        self._grid_of_field = grid_of_field
+        self._cost_m: npt.NDArray[np.float16] = np.concatenate([f.cost_m.ravel() for f in fields])
+        self._move: npt.NDArray[np.uint8] = np.concatenate([f.move.ravel() for f in fields])
+
+    def ahead(
+        self, field: IntArray, position_enu_m: FloatArray, target_enu_m: FloatArray
+    ) -> WayAhead:
+        """Return the way ahead of vehicles.
+
+        Args:
+            field: Which field leads each of them, shape ``(N,)``.
+            position_enu_m: Shape ``(N, 3)``.
+            target_enu_m: Where the target is now, ``(N, 3)``; a few metres from the field's at
+                most.
+        """
+        node = self._grid_of_field[field] * (self._nodes[0] * self._nodes[1])
+        entry = field * self._cells
+        cell = self._cell_of(position_enu_m)
+        known = np.isfinite(self._cost_m[entry + cell])
+        if not known.all():
+            lost = np.flatnonzero(~known)
+            cell[lost] = self._step_out(node[lost], entry[lost], cell[lost], position_enu_m[lost])
+            known[lost] = np.isfinite(self._cost_m[entry[lost] + cell[lost]])
+
+        chain, arrived = self._follow(entry, cell, target_enu_m)
+        point_m = np.where(arrived[..., None], target_enu_m, self._center_m(chain))
+        rows = np.arange(len(cell))
+        seen = self._sees(node, position_enu_m, point_m)
+        # The first is taken for granted: it is the next cell, or the target beside it.
+        last = np.where(seen, np.arange(len(LOOKS))[:, None], 0).max(axis=0)
+        beyond = np.minimum(last + BEYOND_LOOKS, len(LOOKS) - 1)
+        aim_m = point_m[last, rows]
+        left_m = _length_m(aim_m - position_enu_m)
+        left_m += np.where(arrived[last, rows], 0.0, self._cost_m[entry + chain[last, rows]])
+        straight = WayAhead.straight(position_enu_m, target_enu_m)
+        return WayAhead(
+            np.where(known[:, None], aim_m, target_enu_m),
+            np.where(known[:, None], point_m[beyond, rows], target_enu_m),
+            np.where(known, left_m, straight.left_m),
+            known,
+        )
+
+    def length_m(
+        self, field: IntArray, position_enu_m: FloatArray, target_enu_m: FloatArray
+    ) -> FloatArray:
+        """Return how long the ways are when they are flown from aim to aim, shape ``(N,)``.
+
+        Hardly longer than the shortest there are: what a planner can promise. Infinite where no
+        way is known.
+        """
+        length_m = np.zeros(len(field))
+        rows: IntArray = np.arange(len(field))
+        here_m = np.array(position_enu_m, dtype=np.float64)
+        for _ in range(_MOST_AIMS):
+            ahead = self.ahead(field[rows], here_m[rows], target_enu_m[rows])
+            length_m[rows] += _length_m(ahead.aim_enu_m - here_m[rows])
+            length_m[rows[~ahead.known]] = np.inf
+            here_m[rows] = ahead.aim_enu_m
+            there = np.all(ahead.aim_enu_m == target_enu_m[rows], axis=1)
+            rows = rows[~there]
+            if len(rows) == 0:
+                return length_m
+        length_m[rows] = np.inf
+        return length_m
+
+    def _cell_of(self, position_enu_m: FloatArray) -> IntArray:
+        cell = np.floor((position_enu_m - self._low_m) / CELL_M).astype(np.int64)
+        number: IntArray = np.clip(cell, 0, self._shape - 1) @ self._stride
+        return number
+
+    def _center_m(self, cell: IntArray) -> FloatArray:
+        """Return the centres ``(..., 3)`` of cells given by their numbers."""
+        east, rest = np.divmod(cell, self._stride[0])
+        north, up = np.divmod(rest, self._stride[1])
+        center_m = np.empty((*cell.shape, 3))
+        for axis, index in enumerate((east, north, up)):
+            center_m[..., axis] = self._low_m[axis] + CELL_M * (index + 0.5)
+        return center_m
+
+    def _follow(
+        self, entry: IntArray, cell: IntArray, target_enu_m: FloatArray
+    ) -> tuple[IntArray, BoolArray]:
+        """Return the cells at the looks along the ways, and whether the target comes before.
+
+        The move after the last cell leads to the target, if that lies in the box.
+        """
+        high_m = self._low_m + CELL_M * self._shape
+        inside = np.all((target_enu_m >= self._low_m) & (target_enu_m <= high_m), axis=1)
+        chain = np.empty((len(LOOKS), len(cell)), dtype=np.int64)
+        arrived = np.empty(chain.shape, dtype=np.bool_)
+        number = entry + cell
+        for step in range(1, int(LOOKS[-1]) + 1):
+            move = self._move[number]
+            number = number + self._jump[move]
+            look = int(np.searchsorted(LOOKS, step))
+            if LOOKS[look] == step:
+                chain[look] = number
+                arrived[look] = move == HERE
+        return chain - entry, arrived & inside
+
+    def _sees(self, node: IntArray, from_enu_m: FloatArray, to_enu_m: FloatArray) -> BoolArray:
+        """Return which straight ways keep clear of the skyline, ``(K, N)``.
+
+        Args:
+            node: Where each row's skyline begins, ``(N,)``.
+            from_enu_m: Shape ``(N, 3)``.
+            to_enu_m: Shape ``(K, N, 3)``.
+        """
+        way_m = (to_enu_m - from_enu_m).astype(np.float32)
+        # The ends lie close to walls often enough, and are looked at with more indulgence.
+        end_m = np.minimum(_SHARE, 1.0 - _SHARE) * _length_m(way_m)
+        index = np.broadcast_to(node.astype(np.int32), end_m.shape)
+        for axis, stride in ((0, self._nodes[1]), (1, 1)):
+            from_nodes = (from_enu_m[:, axis] - self._low_m[axis]) / self._spacing_m + 0.5
+            along = from_nodes.astype(np.float32) + _SHARE * (
+                way_m[..., axis] * np.float32(1.0 / self._spacing_m)
+            )
+            np.clip(along, 0, self._nodes[axis] - 1, out=along)
+            index = index + along.astype(np.int32) * np.int32(stride)
+        height_m = from_enu_m[:, 2].astype(np.float32) + _SHARE * way_m[..., 2]
+        margin = (end_m >= _CLOSE_M) * np.int32(self._margin_stride)
+        skyline_m = self._skyline_m[index + margin]
+        clear: BoolArray = np.all((height_m >= skyline_m) | (end_m < _ENDS_M), axis=0)
+        return clear
+
+    def _step_out(
+        self, node: IntArray, entry: IntArray, cell: IntArray, position_enu_m: FloatArray
+    ) -> IntArray:
+        """Return the best cell around a vehicle whose own has no way, its own if none has."""
+        east, rest = np.divmod(cell, self._stride[0])
+        north, up = np.divmod(rest, self._stride[1])
+        around = np.stack((east, north, up), axis=-1) + _AROUND[:, None]
+        inside = np.all((around >= 0) & (around < self._shape), axis=-1)
+        number = np.where(inside, around @ self._stride, cell)
+        center_m = self._center_m(number)
+        way_m = self._cost_m[entry + number] + _length_m(center_m - position_enu_m)
+        seen = self._sees(node, position_enu_m, center_m)
+        # Through a wall only where there is nothing else.
+        best = np.argmin(np.where(seen, way_m, way_m + 1e3), axis=0)
+        stepped: IntArray = number[best, np.arange(len(cell))]
+        return stepped
+
+
+def _length_m(way_m: npt.NDArray[np.floating]) -> FloatArray:
+    length_m: FloatArray = np.sqrt((way_m * way_m).sum(axis=-1))
+    return length_m
