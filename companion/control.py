@@ -4,15 +4,17 @@ The same loop flies a real autopilot, the mock vehicle on a socket and ``sim.veh
 no thread and reads no clock: time is the vehicle's. When the loop stops, the stream stops.
 """
 
-import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from companion.announcing import Announcer
 from companion.arrays import FloatArray
+from companion.commands import Commands
 from companion.guidance.guidance import Proposal, propose
+from companion.guidance.reasons import Reason
 from companion.guidance.shield import Shield, ShieldDecision
 from companion.guidance.situation import Directive, Outcome, Phase, Plan, Situation, Stream
 from companion.guidance.supervisor import Supervisor
@@ -20,21 +22,19 @@ from companion.guidance.target import TargetEstimate, TargetTier
 from companion.metrics import Metrics
 from companion.policy.actor import Actor
 from companion.positions import Pose, Positions, TargetSource
-from companion.preflight import refusal, target_problem, waiting_for
+from companion.preflight import refusal, waiting_for
 from companion.recording import tick_record
-from companion.session.records import Event, Record, Source
+from companion.session.records import Mark, Record
 from companion.session.summary import Summary
 from companion.vehicle import (
     EventKind,
     FlightMode,
     LandedState,
     RequestKind,
-    Severity,
     Vehicle,
     VehicleEvent,
     VehicleState,
 )
-from companion.world.frames import GeoPoint
 from companion.world.maps import Map
 
 HEARTBEAT_PERIOD_S = 1.0
@@ -42,8 +42,12 @@ ARRIVAL_RADIUS_M = 5.0
 """PAPER E9: the paper gives no radius; its text admits a lack of precision."""
 MOVING_TARGET_MPS = 0.2
 ABANDON_S = 2.0
+RATES_PERIOD_S = 1.0
 _ZERO = np.zeros(3)
-_LOG = logging.getLogger("companion")
+_OURS = (Phase.ENGAGED, Phase.HOLDING, Phase.HANDING_OVER)
+"""While the vehicle is ours to keep clear of things."""
+_MARKED = (Phase.ENGAGED, Phase.HANDING_OVER, Phase.STOOD_DOWN)
+"""What gets a label on the map."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +74,7 @@ class Flight:
         record: Callable[[Record], None],
         stop_requested: Callable[[], bool],
         session_start_s: float | None = None,
+        alive: Callable[[str], None] | None = None,
     ) -> None:
         """Prepare a flight; nothing is sent before ``run``.
 
@@ -80,9 +85,10 @@ class Flight:
             record: Takes a copy of everything; must never block.
             stop_requested: Asked once a tick; ``True`` ends the flight in an orderly way.
             session_start_s: Zero of the recorded times; now, if not given.
+            alive: Told the phase at the end of every tick, for a watchdog; must never block.
         """
         self._vehicle, self._mission, self._shield = vehicle, mission, shield
-        self._record, self._stop_requested = record, stop_requested
+        self._record, self._stop_requested, self._alive = record, stop_requested, alive
         self._start_s = vehicle.now_s()
         self._session_start_s = self._start_s if session_start_s is None else session_start_s
         self._positions = Positions(
@@ -92,7 +98,13 @@ class Flight:
         self._metrics = Metrics(start_s=self._start_s, rate_hz=mission.rate_hz)
         self._policy_failures = 0
         self._heartbeat_due_s = self._start_s
-        self._last_line = ""
+        self._rates_due_s = self._start_s
+        self._marked: Phase | None = None
+        self._announcer = Announcer(
+            vehicle, record, start_s=self._session_start_s, silent=mission.plan.shadow
+        )
+        self._commands = Commands(mission.map, self._positions, target_given=mission.target.given)
+        vehicle.judge_commands(self._commands.judge)
 
     def run(self) -> Summary:
         """Fly until the supervisor says it is over; return what happened."""
@@ -103,7 +115,7 @@ class Flight:
             self._vehicle.wait_until(deadline_s)
             directive = self._step(deadline_s)
             if directive.outcome is not None:
-                return self.finish(directive.outcome, directive.reason)
+                return self.finish(directive.outcome, directive.code, directive.reason)
             # Absolute deadlines: a late tick is counted and skipped, never made up for.
             due = math.ceil((self._vehicle.now_s() - self._start_s) / period_s - 1e-6)
             self._metrics.late_ticks += max(0, due - tick - 1)
@@ -129,7 +141,8 @@ class Flight:
     def _step(self, deadline_s: float) -> Directive:
         now_s, state = self._vehicle.now_s(), self._vehicle.state()
         pose, frame_moved = self._positions.update(state, self._vehicle.targets())
-        events = self._take_events(now_s)
+        events = list(self._vehicle.take_events())
+        self._announcer.events(events)
         target = self._positions.target(now_s)
         proposal = self._propose(pose, target)
         situation = self._situation(now_s, state, pose, frame_moved, target, events)
@@ -151,7 +164,7 @@ class Flight:
             latency_ms = 1e3 * (sent_s - asked_s)
             self._metrics.sent(sent_s, latency_ms)
         self._count(directive, situation, pose, decision)
-        self._announce(directive, now_s)
+        self._announcer.phase(directive, now_s)
         self._record(
             tick_record(
                 start_s=self._session_start_s,
@@ -164,8 +177,11 @@ class Flight:
                 sent_enu_mps=sent,
                 latency_ms=latency_ms,
                 lateness_ms=1e3 * (now_s - deadline_s),
+                rates_hz=self._rates_hz(now_s),
             )
         )
+        if self._alive is not None:
+            self._alive(directive.phase)
         return directive
 
     def _situation(
@@ -207,7 +223,10 @@ class Flight:
             rebooted=any(event.kind is EventKind.REBOOT for event in events),
             frame_moved=frame_moved,
             policy_failures=self._policy_failures,
+            frame_untied=self._positions.untied,
             stop_requested=self._stop_requested(),
+            paused_by=self._commands.paused_by,
+            target_changed=self._commands.take_target_changed(),
         )
 
     def _propose(self, pose: Pose | None, target: TargetEstimate) -> Proposal | None:
@@ -248,30 +267,6 @@ class Flight:
         self._vehicle.send_velocity(tie.velocity_to_local(decision.velocity_enu_mps))
         return decision.velocity_enu_mps
 
-    def _take_events(self, now_s: float) -> list[VehicleEvent]:
-        events = list(self._vehicle.take_events())
-        for event in events:
-            if event.kind is EventKind.REPOSITION and event.target is not None:
-                self._reposition(event.target.position, now_s)
-            self._log(event.text, event.severity, now_s, event.kind is EventKind.STATUS_TEXT)
-        return events
-
-    def _reposition(self, point: GeoPoint, now_s: float) -> None:
-        """Make a point that somebody has sent us the target, if no other was given."""
-        place = self._positions.on_map(point)
-        if self._mission.target.given:
-            problem = "the target was given at the start"
-        elif place is None:
-            problem = "map and earth are not tied yet"
-        else:
-            problem = target_problem(self._mission.map, place)
-        if place is not None and not problem:
-            self._positions.track.set_static(place)
-            return
-        self._log(f"target refused: {problem}", Severity.WARNING, now_s, False)
-        if not self._mission.plan.shadow:
-            self._vehicle.say(f"target refused: {problem}", Severity.WARNING)
-
     def _count(
         self,
         directive: Directive,
@@ -283,31 +278,33 @@ class Flight:
         self._metrics.final_distance_m = situation.distance_m
         if pose is not None and state is not None and state.landed is LandedState.IN_AIR:
             self._metrics.moved(pose.position_enu_m, pose.velocity_enu_mps)
-        if decision is not None:
-            self._metrics.cleared(decision.clearance_m)
-            self._metrics.shield_interventions += decision.intervened
+            if directive.phase in _OURS:
+                clearance_m = self._clearance_m(pose) if decision is None else decision.clearance_m
+                self._metrics.cleared(clearance_m, pose.position_enu_m)
+        if pose is not None and directive.phase is not self._marked:
+            self._marked = directive.phase
+            if directive.phase in _MARKED:
+                label = f"{directive.phase} [{directive.code}]"
+                self._record(Mark(label, pose.position_enu_m.tolist()))
+        self._metrics.shield_interventions += decision is not None and decision.intervened
         self._metrics.takeovers += directive.phase is Phase.STOOD_DOWN
 
-    def _announce(self, directive: Directive, now_s: float) -> None:
-        """Say a change of phase or reason once: in the log, in STATUSTEXT, in the recording."""
-        line = f"{directive.phase}: {directive.reason}"
-        if line == self._last_line:
-            return
-        self._last_line = line
-        grave = directive.phase in (Phase.STOOD_DOWN, Phase.HOLDING, Phase.HANDING_OVER)
-        severity = Severity.WARNING if grave else Severity.INFO
-        self._log(line, severity, now_s, False)
-        if not self._mission.plan.shadow:
-            self._vehicle.say(line, severity)
+    def _clearance_m(self, pose: Pose) -> float:
+        """Return the distance from the nearest obstacle or the ground, as the shield measures."""
+        obstacle_m = float(self._mission.map.obstacles.signed_distance_m(pose.position_enu_m))
+        return min(obstacle_m, float(pose.position_enu_m[2]))
 
-    def _log(self, text: str, severity: Severity, now_s: float, from_autopilot: bool) -> None:
-        level = logging.WARNING if severity <= Severity.WARNING else logging.INFO
-        _LOG.log(level, "%s%s", "autopilot: " if from_autopilot else "", text)
-        source: Source = "autopilot" if from_autopilot else "companion"
-        self._record(Event(now_s - self._session_start_s, severity, source, text))
+    def _rates_hz(self, now_s: float) -> Mapping[str, float] | None:
+        """Return the measured rates of the link, once a second."""
+        if now_s < self._rates_due_s:
+            return None
+        self._rates_due_s = now_s + RATES_PERIOD_S
+        return self._vehicle.stats().rates_hz or None
 
-    def finish(self, outcome: Outcome, reason: str) -> Summary:
+    def finish(self, outcome: Outcome, code: Reason, reason: str) -> Summary:
         """Return the summary of what was flown so far."""
+        if self._metrics.closest_enu_m is not None:
+            self._record(Mark("closest to an obstacle", self._metrics.closest_enu_m.tolist()))
         return self._metrics.summary(
-            outcome, reason, now_s=self._vehicle.now_s(), stats=self._vehicle.stats()
+            outcome, code, reason, now_s=self._vehicle.now_s(), stats=self._vehicle.stats()
         )

@@ -19,8 +19,8 @@ from companion.guidance.target import TargetEstimate
 from companion.link.opening import connect
 from companion.link.vehicle import MavlinkVehicle
 from companion.mock_process import link_url
-from companion.positions import Pose, Positions, TargetSource
-from companion.preflight import loose_tie, refusal, target_problem, unhealthy, untimely, waiting_for
+from companion.positions import Pose, Positions, TargetSource, loose_tie
+from companion.preflight import refusal, target_problem, unhealthy, untimely, waiting_for
 from companion.vehicle import EventKind, SystemStatus, VehicleEvent, VehicleState
 from companion.world.frames import GeoPoint
 from companion.world.maps import Map, load_map

@@ -7,6 +7,7 @@ from companion.config import V_MAX_LOW_MPS, RunConfig
 from companion.control import Flight, Mission
 from companion.errors import LinkLostError, RefusedError
 from companion.guidance.failsafe import SpeedCap, failsafe_of, parameters_wanted
+from companion.guidance.reasons import Reason
 from companion.guidance.shield import Shield, ShieldLimits
 from companion.guidance.situation import Outcome, Plan
 from companion.link.vehicle import MavlinkVehicle
@@ -90,6 +91,7 @@ def fly(
     record: Callable[[Record], None],
     stop_requested: Callable[[], bool],
     start_s: float,
+    alive: Callable[[str], None] | None = None,
 ) -> Summary:
     """Run the loop until it is over; whatever happens in it ends in a summary."""
     info = vehicle.info
@@ -118,12 +120,17 @@ def fly(
         record=record,
         stop_requested=stop_requested,
         session_start_s=start_s,
+        alive=alive,
     )
     try:
         return flight.run()
     except LinkLostError as error:
-        return flight.finish(Outcome.LINK_LOST, str(error))
+        return flight.finish(Outcome.LINK_LOST, Reason.LINK_FAILED, str(error))
+    except KeyboardInterrupt:
+        words = "stopped at once by a second signal; left to the autopilot"
+        return flight.finish(Outcome.STOPPED, Reason.SIGNAL, words)
     except Exception:
         _LOG.exception("internal error in the control loop; asking the vehicle to hold")
         flight.abandon()
-        return flight.finish(Outcome.FAILED, "internal error in the control loop")
+        words = "internal error in the control loop"
+        return flight.finish(Outcome.FAILED, Reason.INTERNAL, words)

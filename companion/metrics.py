@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from companion.arrays import FloatArray
+from companion.guidance.reasons import Reason
 from companion.guidance.situation import EXIT_CODES, Outcome
 from companion.session.summary import Summary
 from companion.vehicle import LinkStats
@@ -24,6 +25,8 @@ class Metrics:
         self._latency_ms: list[float] = []
         self._distance_flown_m = 0.0
         self._min_clearance_m: float | None = None
+        self.closest_enu_m: FloatArray | None = None
+        """Where the smallest clearance was."""
         self._max_speed_mps: float | None = None
         self.final_distance_m: float | None = None
         self.late_ticks = 0
@@ -40,11 +43,11 @@ class Metrics:
             self._max_speed_mps or 0.0, float(np.linalg.norm(velocity_enu_mps))
         )
 
-    def cleared(self, clearance_m: float) -> None:
-        """Count the clearance of one tick under the policy."""
-        if np.isfinite(clearance_m):
-            known = self._min_clearance_m
-            self._min_clearance_m = clearance_m if known is None else min(known, clearance_m)
+    def cleared(self, clearance_m: float, position_enu_m: FloatArray) -> None:
+        """Count the clearance of one tick in the air, while the vehicle is ours."""
+        known = self._min_clearance_m
+        if np.isfinite(clearance_m) and (known is None or clearance_m < known):
+            self._min_clearance_m, self.closest_enu_m = clearance_m, position_enu_m
 
     def sent(self, time_s: float, latency_ms: float | None) -> None:
         """Count one setpoint."""
@@ -55,6 +58,7 @@ class Metrics:
     def summary(
         self,
         outcome: Outcome,
+        code: Reason,
         reason: str,
         *,
         now_s: float,
@@ -67,6 +71,7 @@ class Metrics:
         return Summary(
             outcome=outcome,
             reason=reason,
+            reason_code=code,
             exit_code=EXIT_CODES[outcome],
             duration_s=round(now_s - self._start_s, 3),
             distance_flown_m=round(self._distance_flown_m, 2),

@@ -11,9 +11,12 @@ import numpy as np
 
 from companion.arrays import FloatArray
 from companion.guidance.target import TargetEstimate, TargetTrack
-from companion.vehicle import LandedState, TargetReport, VehicleState
+from companion.vehicle import FRAME_RESIDUAL_M, LandedState, TargetReport, VehicleState
 from companion.world.frames import GeoPoint, LocalTie
 from companion.world.maps import Map
+
+APART_S = 0.5
+"""Local and global position may be apart for so long: the one may lag a step of the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +69,9 @@ class Positions:
         self._frame_epoch: int | None = None
         self._ground_down_m: float | None = None
         self._geodetic_pending = source.geodetic
+        self._apart_since_s: float | None = None
+        self.untied = ""
+        """How local and global position contradict each other; empty when they agree."""
         self.track = TargetTrack(source.position_enu_m)
 
     @property
@@ -84,6 +90,7 @@ class Positions:
         """
         if state is None:
             return None, False
+        self._look_at_residual(state)
         moved = self._frame_epoch is not None and state.frame_epoch != self._frame_epoch
         has_origin = state.origin is not None
         if self._tie is None or moved or has_origin != self._tied_with_origin:
@@ -119,6 +126,17 @@ class Positions:
         position_enu_m[2] = max(0.0, position_enu_m[2])
         return position_enu_m
 
+    def _look_at_residual(self, state: VehicleState) -> None:
+        """Doubt the frame once its two positions have been apart for a while."""
+        words = loose_tie(state.frame_residual_m)
+        if not words:
+            self._apart_since_s, self.untied = None, ""
+            return
+        if self._apart_since_s is None:
+            self._apart_since_s = state.time_s
+        if not self.untied and state.time_s - self._apart_since_s >= APART_S:
+            self.untied = words
+
     def _tie_map(self, state: VehicleState) -> LocalTie | None:
         city, radius_m = self._map, self._earth_radius_m
         if city.origin is None:
@@ -152,3 +170,13 @@ class Positions:
             time_s=report.time_s,
             source_time_s=report.source_time_s,
         )
+
+
+def loose_tie(residual_m: float | None) -> str:
+    """Return why local and global position cannot both be right."""
+    if residual_m is not None and residual_m > FRAME_RESIDUAL_M:
+        return (
+            f"LOCAL_POSITION_NED and GLOBAL_POSITION_INT are {residual_m:.1f} m apart: "
+            "the local origin is not where it is said to be"
+        )
+    return ""

@@ -12,7 +12,6 @@ from companion.world.maps import Map
 
 POSITION_MIN_HZ = 10.0
 """Two positions may be lost before ``POSITION_STALE_SOFT_S`` is over."""
-TIE_RESIDUAL_M = 1.0
 _ON_GROUND_M = 0.5
 """A vehicle on the ground reads a little above or below it."""
 
@@ -98,16 +97,6 @@ def untimely(rate_hz: float, oldest_s: float) -> str:
         return f"the position comes {rate_hz:.1f} times a second; {POSITION_MIN_HZ:g} are needed"
     if oldest_s > POSITION_STALE_SOFT_S:
         return f"the position was {oldest_s:.2f} s old; the loop holds from {POSITION_STALE_SOFT_S}"
-    return ""
-
-
-def loose_tie(residual_m: float | None) -> str:
-    """Return why local and global position cannot both be right."""
-    if residual_m is not None and residual_m > TIE_RESIDUAL_M:
-        return (
-            f"LOCAL_POSITION_NED and GLOBAL_POSITION_INT are {residual_m:.1f} m apart: "
-            "the local origin is not where it is said to be"
-        )
     return ""
 
 

@@ -1,7 +1,7 @@
 """What the flying process says of itself to the session: one turn of the loop, its actor."""
 
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from typing import SupportsFloat
 
@@ -29,6 +29,7 @@ def tick_record(
     sent_enu_mps: FloatArray | None,
     latency_ms: float | None,
     lateness_ms: float,
+    rates_hz: Mapping[str, float] | None,
 ) -> Tick:
     """Return the record of one turn; times are relative to ``start_s``."""
     state, now_s = situation.vehicle, situation.now_s
@@ -58,6 +59,7 @@ def tick_record(
         target_age_s=None if target.position_enu_m is None else target.age_s,
         latency_ms=latency_ms,
         lateness_ms=lateness_ms,
+        rates_hz=rates_hz,
     )
 
 

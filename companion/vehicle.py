@@ -6,13 +6,16 @@ No MAVLink message passes this border: frames are local NED, units are SI, times
 the backend's own monotonic clock.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from typing import Protocol
 
 from companion.arrays import FloatArray
 from companion.world.frames import GeoPoint
+
+FRAME_RESIDUAL_M = 1.0
+"""Local and global position further apart than this are not of one frame."""
 
 
 class FlightMode(StrEnum):
@@ -110,6 +113,9 @@ class VehicleState:
     frame_epoch: int = 0
     """Rises when the origin moves or the estimator resets: the map must be tied again."""
     battery_fraction: float | None = None
+    frame_residual_m: float | None = None
+    """Distance between the local position and the global one seen from ``origin``; ``None``
+    where they cannot be compared."""
 
 
 class RequestKind(StrEnum):
@@ -153,7 +159,7 @@ class TargetReport:
     """Arrival on the backend's monotonic clock."""
     system_id: int
     source: str
-    """``GLOBAL_POSITION_INT``, ``FOLLOW_TARGET`` or ``DO_REPOSITION``."""
+    """``GLOBAL_POSITION_INT`` or ``FOLLOW_TARGET``."""
     position: GeoPoint
     """WGS84; the altitude is above mean sea level."""
     velocity_ned_mps: FloatArray | None = None
@@ -170,8 +176,8 @@ class EventKind(StrEnum):
     """Somebody else streams setpoints to our vehicle."""
     REBOOT = "reboot"
     """The autopilot's clock ran backwards."""
-    REPOSITION = "reposition"
-    """DO_REPOSITION addressed to us: ``target`` holds the new target."""
+    COMMAND = "command"
+    """A command addressed to us, and what it was answered."""
     LINK_ERROR = "link error"
 
 
@@ -183,7 +189,43 @@ class VehicleEvent:
     kind: EventKind
     text: str
     severity: Severity = Severity.INFO
-    target: TargetReport | None = None
+
+
+class CommandKind(StrEnum):
+    """What operators may ask of the companion itself."""
+
+    REPOSITION = "DO_REPOSITION"
+    PAUSE = "DO_PAUSE_CONTINUE 0"
+    CONTINUE = "DO_PAUSE_CONTINUE 1"
+
+
+class Verdict(IntEnum):
+    """What a command comes to: MAV_RESULT of COMMAND_ACK."""
+
+    ACCEPTED = 0
+    NOT_NOW = 1
+    """TEMPORARILY_REJECTED: the same may be accepted later."""
+    DENIED = 2
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorCommand:
+    """A command addressed to the companion, its numbers already found to make sense."""
+
+    kind: CommandKind
+    sender: str
+    """System and component id, ``255/190``."""
+    position: GeoPoint | None = None
+    """Of REPOSITION."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommandAnswer:
+    """The answer to one command."""
+
+    verdict: Verdict
+    words: str = ""
+    """Why, for people."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,6 +308,13 @@ class Vehicle(Protocol):
 
     def request_status(self) -> RequestStatus:
         """Return how far the newest request has come."""
+        ...
+
+    def judge_commands(self, judge: Callable[[OperatorCommand], CommandAnswer]) -> None:
+        """Let ``judge`` answer every command addressed to us, inside ``wait_until``.
+
+        Until then they are answered NOT_NOW.
+        """
         ...
 
     def send_heartbeat(self, status: SystemStatus) -> None:

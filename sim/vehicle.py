@@ -5,16 +5,18 @@ The control loop flies it like a real one and much faster: ``now_s`` is virtual,
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from companion.arrays import FloatArray
 from companion.vehicle import (
+    CommandAnswer,
     EventKind,
     FlightMode,
     LandedState,
     LinkStats,
+    OperatorCommand,
     RequestKind,
     RequestStatus,
     Severity,
@@ -187,6 +189,9 @@ class SimVehicle:
     def request_status(self) -> RequestStatus:
         """Return how far the newest request has come."""
         return self._autopilot.request_status
+
+    def judge_commands(self, judge: Callable[[OperatorCommand], CommandAnswer]) -> None:
+        """Do nothing; nobody commands us here."""
 
     def send_heartbeat(self, status: SystemStatus) -> None:
         """Note a HEARTBEAT in ``heartbeats``."""

@@ -43,6 +43,8 @@ class Reason(StrEnum):
     """DO_PAUSE_CONTINUE, addressed to us."""
 
     LINK_SILENT = "link_silent"
+    LINK_FAILED = "link_failed"
+    """The transport itself: a TCP stream was closed, a serial port unplugged."""
     STALL = "stall"
     """This program was away too long to know who has the vehicle."""
     POSITION_LATE = "position_late"

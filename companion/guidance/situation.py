@@ -91,6 +91,8 @@ class Situation:
     target_age_s: float = 0.0
     distance_m: float | None = None
     target_moving: bool = False
+    target_changed: bool = False
+    """Somebody has sent us another target."""
     arrived: bool = False
     height_m: float = 0.0
     """Above the place of take-off."""

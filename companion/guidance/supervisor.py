@@ -243,6 +243,8 @@ class Supervisor:
     def _fly(self, s: Situation) -> Directive:
         if s.frame_moved:
             self._frame_settled_s = s.now_s + FRAME_SETTLE_S
+        if s.target_changed:
+            self._best_distance_m, self._progress_s = float("inf"), s.now_s
         if s.distance_m is not None and s.distance_m < self._best_distance_m - PROGRESS_M:
             self._best_distance_m, self._progress_s = s.distance_m, s.now_s
         if s.target_moving:

@@ -141,6 +141,7 @@ class Px4:
     estimator_message_id = dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS
     stream_rates_hz: Mapping[int, float] = {
         dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 30.0,
+        dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,  # to check the local one by
         dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0,
         dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
         dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
@@ -251,6 +252,7 @@ class ArduPilot:
     estimator_message_id = dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT
     stream_rates_hz: Mapping[int, float] = {
         dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 30.0,
+        dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,  # to check the local one by
         dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0,
         dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
         dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0,

@@ -49,7 +49,7 @@ class Housekeeping:
         if now_s < self.due_s:
             return []
         self.due_s = now_s + _PERIOD_S
-        self._ask_for_messages()
+        self._ask_for_messages(now_s)
         if self.rates.turn(now_s):
             self._ask_for_streams(now_s)
         return [
@@ -58,11 +58,12 @@ class Housekeeping:
             *self._tell_refused(now_s),
         ]
 
-    def _ask_for_messages(self) -> None:
+    def _ask_for_messages(self, now_s: float) -> None:
         telemetry = self._telemetry
         missing = {
             dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: not telemetry.version,
-            dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: telemetry.origin is None,
+            dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: telemetry.origin is None
+            or telemetry.origin_is_doubtful(now_s),
             dialect.MAVLINK_MSG_ID_HOME_POSITION: telemetry.home_altitude_m is None,
         }
         for message_id, is_missing in missing.items():

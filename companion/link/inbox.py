@@ -1,7 +1,7 @@
 """Commands that others send to the companion, and their overheard commands to our vehicle."""
 
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -11,8 +11,15 @@ from companion.link.codec import Received
 from companion.link.connection import Connection
 from companion.link.targets import geo_point
 from companion.link.telemetry import Telemetry
-from companion.vehicle import EventKind, Severity, TargetReport, VehicleEvent
-from companion.world.frames import GeoPoint
+from companion.vehicle import (
+    CommandAnswer,
+    CommandKind,
+    EventKind,
+    OperatorCommand,
+    Severity,
+    VehicleEvent,
+    Verdict,
+)
 
 _AMSL_FRAMES = (dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_GLOBAL_INT)
 _HOME_FRAMES = (
@@ -21,6 +28,9 @@ _HOME_FRAMES = (
 )
 
 _UNSUPPORTED_MAV_FRAME = 9  # MAV_RESULT; newer than the dialect
+
+_PAUSES = {0.0: CommandKind.PAUSE, 1.0: CommandKind.CONTINUE}
+"""By param1 of DO_PAUSE_CONTINUE."""
 
 _SAY_AGAIN_S = 1.0
 """Somebody's setpoint stream is reported this often, not by every packet."""
@@ -44,6 +54,8 @@ class Inbox:
         self._telemetry = telemetry
         self._own_frames: deque[bytes] = deque(maxlen=16)
         self._said_s: dict[tuple[int, int], float] = {}
+        self.judge: Callable[[OperatorCommand], CommandAnswer] | None = None
+        """Decides on commands; until there is one they are answered "not now"."""
 
     def know_own(self, frame: bytes) -> None:
         """Remember a setpoint we sent, so that its echo is not taken for somebody else's."""
@@ -75,16 +87,26 @@ class Inbox:
         return bool(message.target_component == 0) and _asks_version(message)
 
     def _obey(self, message: Any, sender: tuple[int, int], now_s: float) -> list[VehicleEvent]:
-        answer = answer_command(
-            message, sender[0], home_altitude_m=self._telemetry.home_altitude_m, now_s=now_s
-        )
-        self._connection.send(messages.command_ack(message.command, answer.result, *sender))
-        if answer.sends_version:
-            self._connection.send(messages.own_version())
-        if answer.target is None:
+        name = f"{sender[0]}/{sender[1]}"
+        order = read_command(message, name, home_altitude_m=self._telemetry.home_altitude_m)
+        if not isinstance(order, OperatorCommand):
+            self._answer(message.command, order, sender)
+            if order == dialect.MAV_RESULT_ACCEPTED:
+                self._connection.send(messages.own_version())
             return []
-        text = f"new target by DO_REPOSITION of {sender[0]}/{sender[1]}"
-        return [VehicleEvent(now_s, EventKind.REPOSITION, text, target=answer.target)]
+        answer = CommandAnswer(Verdict.NOT_NOW, "no flight has begun")
+        if self.judge is not None:
+            answer = self.judge(order)
+        self._answer(message.command, answer.verdict, sender)
+        text = f"{order.kind} of {name}: {answer.verdict.name.lower().replace('_', ' ')}"
+        if answer.words:
+            text = f"{text}: {answer.words}"
+        accepted = answer.verdict is Verdict.ACCEPTED
+        severity = Severity.NOTICE if accepted else Severity.WARNING
+        return [VehicleEvent(now_s, EventKind.COMMAND, text, severity)]
+
+    def _answer(self, command: int, result: int, sender: tuple[int, int]) -> None:
+        self._connection.send(messages.command_ack(command, int(result), *sender))
 
     def _report_foreign(
         self, name: str, sender: tuple[int, int], now_s: float
@@ -97,34 +119,27 @@ class Inbox:
         return [VehicleEvent(now_s, EventKind.FOREIGN_SETPOINT, text, Severity.CRITICAL)]
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What a command addressed to us comes to."""
+def read_command(
+    message: Any, sender: str, *, home_altitude_m: float | None
+) -> OperatorCommand | int:
+    """Return what a COMMAND_INT or COMMAND_LONG addressed to us orders, or its MAV_RESULT.
 
-    result: int
-    """MAV_RESULT for the COMMAND_ACK."""
-    target: TargetReport | None = None
-    """Where DO_REPOSITION points."""
-    sends_version: bool = False
-    """Whether our AUTOPILOT_VERSION is asked for."""
-
-
-def answer_command(
-    message: Any, system_id: int, *, home_altitude_m: float | None, now_s: float
-) -> Answer:
-    """Judge a COMMAND_INT or COMMAND_LONG addressed to us; every one gets an answer.
+    Every command gets exactly one answer: what makes no sense, or is none of ours, is answered
+    here; ACCEPTED here means that somebody asks for our AUTOPILOT_VERSION.
 
     Args:
         message: The decoded message.
-        system_id: Who sent it.
+        sender: Who sent it, for people.
         home_altitude_m: Above mean sea level, for altitudes given relative to home.
-        now_s: Its arrival.
     """
     if message.command == dialect.MAV_CMD_DO_REPOSITION:
-        return _reposition(message, system_id, home_altitude_m, now_s)
+        return _reposition(message, sender, home_altitude_m)
+    if message.command == dialect.MAV_CMD_DO_PAUSE_CONTINUE:
+        kind = _PAUSES.get(message.param1)
+        return int(dialect.MAV_RESULT_DENIED) if kind is None else OperatorCommand(kind, sender)
     if _asks_version(message):
-        return Answer(dialect.MAV_RESULT_ACCEPTED, sends_version=True)
-    return Answer(dialect.MAV_RESULT_UNSUPPORTED)
+        return int(dialect.MAV_RESULT_ACCEPTED)
+    return int(dialect.MAV_RESULT_UNSUPPORTED)
 
 
 def _asks_version(message: Any) -> bool:
@@ -134,29 +149,21 @@ def _asks_version(message: Any) -> bool:
     )
 
 
-def _reposition(
-    message: Any, system_id: int, home_altitude_m: float | None, now_s: float
-) -> Answer:
+def _reposition(message: Any, sender: str, home_altitude_m: float | None) -> OperatorCommand | int:
     offset_m = 0.0
     if message.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_INT:
         if message.frame in _HOME_FRAMES:
             if home_altitude_m is None:
-                return Answer(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
+                return int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
             offset_m = home_altitude_m
         elif message.frame not in _AMSL_FRAMES:
-            return Answer(_UNSUPPORTED_MAV_FRAME)
+            return _UNSUPPORTED_MAV_FRAME
         position = geo_point(message.x * 1e-7, message.y * 1e-7, message.z + offset_m)
     else:
         position = geo_point(message.param5, message.param6, message.param7)
     if position is None:
-        return Answer(dialect.MAV_RESULT_DENIED)
-    return Answer(dialect.MAV_RESULT_ACCEPTED, _target(system_id, position, now_s))
-
-
-def _target(system_id: int, position: GeoPoint, now_s: float) -> TargetReport:
-    return TargetReport(
-        time_s=now_s, system_id=system_id, source="DO_REPOSITION", position=position
-    )
+        return int(dialect.MAV_RESULT_DENIED)
+    return OperatorCommand(CommandKind.REPOSITION, sender, position)
 
 
 def _steers(message: Any, vehicle_system_id: int) -> bool:

@@ -10,14 +10,17 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.arrays import FloatArray
 from companion.link.autopilots import Autopilot
+from companion.link.frame_check import FrameCheck
 from companion.link.statustext import TextAssembler
-from companion.link.targets import geo_point
+from companion.link.targets import Targets, geo_point
 from companion.vehicle import (
+    FRAME_RESIDUAL_M,
     EventKind,
     FlightMode,
     LandedState,
     Severity,
     SystemStatus,
+    TargetReport,
     VehicleEvent,
     VehicleState,
 )
@@ -47,10 +50,12 @@ class Telemetry:
         """Above mean sea level, of HOME_POSITION."""
         self.frame_epoch = 0
         self._texts = TextAssembler()
+        self._frame_check = FrameCheck(autopilot.earth_radius_m)
         self._forget()
         self.handlers: Mapping[int, Callable[[Any, float], list[VehicleEvent]]] = {
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
             dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
+            dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._global_position,
             dialect.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
             dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_sys_state,
@@ -72,6 +77,10 @@ class Telemetry:
         self._system_status = SystemStatus.UNINIT
         self.landed = LandedState.UNKNOWN
         self._position_time_s: float | None = None
+        self._position_boot_ms = 0
+        self.global_position: TargetReport | None = None
+        """The vehicle's newest GLOBAL_POSITION_INT that was looked at."""
+        self._frame_check.forget()
         self._position_ned_m = _frozen(0.0, 0.0, 0.0)
         self._velocity_ned_mps = _frozen(0.0, 0.0, 0.0)
         self._attitude_rad: FloatArray | None = None
@@ -108,6 +117,7 @@ class Telemetry:
             origin=self.origin,
             frame_epoch=self.frame_epoch,
             battery_fraction=self._battery_fraction,
+            frame_residual_m=self._frame_check.residual_m(now_s),
         )
 
     def altitude_amsl_m(self) -> float | None:
@@ -115,6 +125,11 @@ class Telemetry:
         if self.origin is None or self._position_time_s is None:
             return None
         return self.origin.altitude_m - float(self._position_ned_m[2])
+
+    def origin_is_doubtful(self, now_s: float) -> bool:
+        """Return whether local and global position contradict each other: ask for the origin."""
+        residual_m = self._frame_check.residual_m(now_s)
+        return residual_m is not None and residual_m > FRAME_RESIDUAL_M
 
     def overdue_texts(self, now_s: float) -> list[VehicleEvent]:
         """Return texts whose last chunk never came."""
@@ -135,7 +150,30 @@ class Telemetry:
             self._position_ned_m = _frozen(*values[:3])
             self._velocity_ned_mps = _frozen(*values[3:])
             self._position_time_s = now_s
+            self._position_boot_ms = message.time_boot_ms
         return events
+
+    def wants(self, message_id: int, now_s: float) -> bool:
+        """Return whether a message is worth decoding; PX4 sends the global position at 50 Hz."""
+        if message_id == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
+            return self._frame_check.is_due(now_s)
+        return message_id in self.handlers
+
+    def _global_position(self, message: Any, now_s: float) -> list[VehicleEvent]:
+        heard = Targets((0,))
+        heard.global_position(message, 0, now_s)
+        self.global_position = heard.reports().get(0)
+        if self.global_position is None or self.origin is None or self._position_time_s is None:
+            return []
+        self._frame_check.compare(
+            self.global_position.position,
+            self.origin,
+            self._position_ned_m,
+            self._velocity_ned_mps,
+            global_after_local_s=(message.time_boot_ms - self._position_boot_ms) * 1e-3,
+            now_s=now_s,
+        )
+        return []
 
     def _attitude(self, message: Any, now_s: float) -> list[VehicleEvent]:
         events = self._check_clock(message.time_boot_ms, now_s)
@@ -174,6 +212,7 @@ class Telemetry:
     def _odometry(self, message: Any, now_s: float) -> list[VehicleEvent]:
         if self._reset_counter not in (None, message.reset_counter):
             self.frame_epoch += 1
+            self._frame_check.forget()
         self._reset_counter = message.reset_counter
         return []
 
@@ -188,6 +227,7 @@ class Telemetry:
         elif _moved(self.origin, origin):
             self.frame_epoch += 1
             self.origin = origin
+            self._frame_check.forget()
         return []
 
     def _home(self, message: Any, now_s: float) -> list[VehicleEvent]:

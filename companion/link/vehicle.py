@@ -25,8 +25,10 @@ from companion.link.targets import Targets
 from companion.link.telemetry import Telemetry
 from companion.link.transport import Peer
 from companion.vehicle import (
+    CommandAnswer,
     EventKind,
     LinkStats,
+    OperatorCommand,
     RequestKind,
     RequestStatus,
     Severity,
@@ -72,7 +74,6 @@ class MavlinkVehicle:
         self._packets_received = 0
         self._packets_foreign = 0
         self._setpoints_sent = 0
-        self._global_position: Received | None = None
         self._from_autopilot: Mapping[int, Callable[[Any, float], None]] = {
             dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._requests.hear_ack,
             dialect.MAVLINK_MSG_ID_TIMESYNC: self._hear_timesync,
@@ -154,6 +155,10 @@ class MavlinkVehicle:
         """Return how far the newest request has come."""
         return self._requests.status
 
+    def judge_commands(self, judge: Callable[[OperatorCommand], CommandAnswer]) -> None:
+        """Let ``judge`` answer the commands addressed to us; until then they are put off."""
+        self._inbox.judge = judge
+
     def send_heartbeat(self, status: SystemStatus) -> None:
         """Send one HEARTBEAT with our own health."""
         self._connection.send(messages.heartbeat(status))
@@ -207,18 +212,8 @@ class MavlinkVehicle:
         return dict(parameters.values)
 
     def global_position(self) -> TargetReport | None:
-        """Return the vehicle's newest GLOBAL_POSITION_INT, to check the local frame by it.
-
-        ``None`` if none was heard, or it holds no place. It is not a part of ``state``: the loop
-        flies by the local frame alone.
-        """
-        received = self._global_position
-        message = None if received is None else self._connection.codec.decode(received)
-        if received is None or message is None:
-            return None
-        heard = Targets([self._system_id])
-        heard.global_position(message, self._system_id, received.time_s)
-        return heard.reports().get(self._system_id)
+        """Return where the vehicle is on earth by its own word; ``None`` if it has not said."""
+        return self._telemetry.global_position
 
     def request_global_position(self) -> None:
         """Ask once for GLOBAL_POSITION_INT; ArduPilot streams nothing unasked."""
@@ -265,11 +260,10 @@ class MavlinkVehicle:
         if received.message_id == dialect.MAVLINK_MSG_ID_PARAM_VALUE:
             self._parameters.hear(received)
             return
-        if received.message_id == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
-            self._global_position = received
-            return
         take = self._from_autopilot.get(received.message_id)
-        take_state = self._telemetry.handlers.get(received.message_id)
+        take_state = None
+        if self._telemetry.wants(received.message_id, now_s):
+            take_state = self._telemetry.handlers[received.message_id]
         if take is None and take_state is None:
             return
         message = self._connection.codec.decode(received)

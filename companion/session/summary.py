@@ -11,12 +11,15 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     reason: str
     """For people: why it ended."""
     exit_code: int
+    reason_code: str = ""
+    """The same for scripts, one of ``companion.guidance.reasons``."""
     session_dir: str | None = None
     duration_s: float = 0.0
     distance_flown_m: float = 0.0
     final_distance_m: float | None = None
     """To the target."""
     min_clearance_m: float | None = None
+    """From obstacles and ground, from the moment the vehicle obeys us until it is given back."""
     max_speed_mps: float | None = None
     v_max_mps: float | None = None
     """Speed cap of the flight; below ``--v-max`` where ``--cap-by-failsafe`` lowered it."""

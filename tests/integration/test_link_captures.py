@@ -154,6 +154,15 @@ def test_nothing_is_lost_or_foreign_and_nothing_resets_in_flight(replay, name):
         break
 
 
+@pytest.mark.parametrize("name", ALL)
+def test_local_and_global_position_agree_on_real_autopilots(replay, name):
+    """What the loop holds for is a metre; real vehicles stay within centimetres."""
+    residuals_m = [state.frame_residual_m for _, state in replay(name).states]
+    known_m = [residual_m for residual_m in residuals_m if residual_m is not None]
+    assert len(known_m) > 0.8 * len(residuals_m)
+    assert max(known_m) < 0.1
+
+
 def test_px4_short_flight(replay):
     flown = replay(PX4_SHORT)
     assert flown.modes() == ["AUTO.LOITER", "OFFBOARD", "AUTO.LAND"]

@@ -142,7 +142,7 @@ def test_nobody_without_the_key_is_heard(signed):
     holder = signer(KEY)
     end.inject(here, system_id=42, mavlink=holder)
     end.inject(go_there, system_id=255, component_id=190, mavlink=holder)
-    pilot.fly(lambda: 42 in pilot.vehicle.targets() and pilot.heard(EventKind.REPOSITION))
+    pilot.fly(lambda: 42 in pilot.vehicle.targets() and pilot.heard(EventKind.COMMAND))
 
 
 def test_another_key_is_another_vehicle(signed):

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from companion.vehicle import EventKind
+from companion.vehicle import CommandAnswer, CommandKind, EventKind, Verdict
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, UNSUPPORTED_MAV_FRAME = 0, 1, 2, 3, 9
 REPOSITION = dialect.MAV_CMD_DO_REPOSITION
+PAUSE = dialect.MAV_CMD_DO_PAUSE_CONTINUE
 GLOBAL, GLOBAL_RELATIVE_ALT, GLOBAL_INT, TERRAIN = 0, 3, 5, 10
 LAT, LON = 473980000, 85460000
 
@@ -25,8 +26,15 @@ def command_long(
 
 
 @pytest.fixture
-def operator(bench):
+def orders():
+    return []
+
+
+@pytest.fixture
+def operator(bench, orders):
     bench.attach()
+    bench.vehicle.judge_commands(lambda order: orders.append(order) or bench.verdict)
+    bench.verdict = CommandAnswer(Verdict.ACCEPTED)
     bench.run()
     bench.transport.sent.clear()
     return bench.sender(255, 190)
@@ -42,28 +50,57 @@ def hear(bench, sender, message):
 
 
 @pytest.mark.parametrize("message", [command_int(), command_int(frame=GLOBAL_INT), command_long()])
-def test_do_reposition_to_us_is_a_target(bench, operator, message):
+def test_do_reposition_to_us_is_judged_before_it_is_acknowledged(bench, operator, orders, message):
     (ack,), (event,) = hear(bench, operator, message)
     assert (ack.command, ack.result) == (REPOSITION, ACCEPTED)
     assert (ack.target_system, ack.target_component) == (255, 190)
-    assert event.kind is EventKind.REPOSITION
-    assert event.target.source == "DO_REPOSITION"
-    assert event.target.system_id == 255
-    assert event.target.position.latitude_deg == pytest.approx(47.398, abs=1e-5)
-    assert event.target.position.longitude_deg == pytest.approx(8.546, abs=1e-5)
-    assert event.target.position.altitude_m == 500.0
+    (order,) = orders
+    assert (order.kind, order.sender) == (CommandKind.REPOSITION, "255/190")
+    assert order.position.latitude_deg == pytest.approx(47.398, abs=1e-5)
+    assert order.position.longitude_deg == pytest.approx(8.546, abs=1e-5)
+    assert order.position.altitude_m == 500.0
+    assert (event.kind, event.text) == (EventKind.COMMAND, "DO_REPOSITION of 255/190: accepted")
 
 
-def test_an_altitude_above_home_needs_home(bench, operator):
+@pytest.mark.parametrize("verdict", Verdict)
+def test_the_judges_verdict_is_the_answer(bench, operator, verdict):
+    bench.verdict = CommandAnswer(verdict, "because")
+    (ack,), (event,) = hear(bench, operator, command_int())
+    assert ack.result == verdict
+    assert event.text.endswith("because")
+
+
+def test_before_a_flight_begins_orders_are_put_off(bench, operator):
+    bench.vehicle.judge_commands(None)
+    (ack,), (event,) = hear(bench, operator, command_int())
+    assert ack.result == TEMPORARILY_REJECTED
+    assert "no flight has begun" in event.text
+
+
+@pytest.mark.parametrize(("param1", "kind"), [(0, CommandKind.PAUSE), (1, CommandKind.CONTINUE)])
+@pytest.mark.parametrize("make", [command_long, None])
+def test_pause_and_continue(bench, operator, orders, param1, kind, make):
+    if make is None:
+        message = dialect.MAVLink_command_int_message(
+            1, 191, 0, PAUSE, 0, 0, param1, 0, 0, 0, 0, 0, 0
+        )
+    else:
+        message = make(PAUSE, params=(param1, 0, 0, 0, 0, 0, 0))
+    (ack,), _ = hear(bench, operator, message)
+    assert (ack.command, ack.result) == (PAUSE, ACCEPTED)
+    assert [order.kind for order in orders] == [kind]
+
+
+def test_an_altitude_above_home_needs_home(bench, operator, orders):
     message = command_int(frame=GLOBAL_RELATIVE_ALT, z=30.0)
     (ack,), events = hear(bench, operator, message)
     assert (ack.result, events) == (TEMPORARILY_REJECTED, [])
     bench.autopilot.send(
         dialect.MAVLink_home_position_message(LAT, LON, 489400, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0)
     )
-    (ack,), (event,) = hear(bench, operator, message)
+    (ack,), _ = hear(bench, operator, message)
     assert ack.result == ACCEPTED
-    assert event.target.position.altitude_m == pytest.approx(519.4)
+    assert orders[0].position.altitude_m == pytest.approx(519.4)
 
 
 @pytest.mark.parametrize(
@@ -82,6 +119,8 @@ def test_an_altitude_above_home_needs_home(bench, operator):
         (command_int(dialect.MAV_CMD_DO_SET_MODE), UNSUPPORTED),
         (command_long(dialect.MAV_CMD_COMPONENT_ARM_DISARM), UNSUPPORTED),
         (command_long(65535), UNSUPPORTED),
+        (command_long(PAUSE, params=(2, 0, 0, 0, 0, 0, 0)), DENIED),
+        (command_long(PAUSE, params=(math.nan, 0, 0, 0, 0, 0, 0)), DENIED),
         (command_long(dialect.MAV_CMD_REQUEST_MESSAGE, params=(30, 0, 0, 0, 0, 0, 0)), UNSUPPORTED),
         (
             command_long(dialect.MAV_CMD_REQUEST_MESSAGE, params=(math.nan, 0, 0, 0, 0, 0, 0)),

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from companion.preflight import loose_tie, unhealthy, untimely
+from companion.positions import loose_tie
+from companion.preflight import unhealthy, untimely
 from companion.vehicle import FlightMode, LandedState, SystemStatus, VehicleState
 
 
