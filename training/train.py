@@ -54,7 +54,7 @@ def start_run(record: RunRecord, folder: RunFolder) -> Trainer:
         )
     trainer = _build(record)
     if record.init is not None:
-        _transfer(trainer, RunFolder(Path(record.init)))
+        transfer(trainer, RunFolder(Path(record.init)))
     folder.write_record(record)
     folder.log_path.unlink(missing_ok=True)
     return trainer
@@ -233,7 +233,7 @@ def _rebuild(record: RunRecord, folder: RunFolder) -> Trainer:
     return trainer
 
 
-def _transfer(trainer: Trainer, source: RunFolder) -> None:
+def transfer(trainer: Trainer, source: RunFolder) -> None:
     """Start from the critics of another run and from its best actor, where one was validated."""
     record = source.read_record()
     if record.layout != trainer.preset.layout_name:
