@@ -10,6 +10,7 @@ Positions must be finite: a nan makes depth and distance nan, and is unseen by t
 """
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 
 import numpy as np
 import numpy.typing as npt
@@ -54,6 +55,30 @@ class Obstacles:
 
     def __len__(self) -> int:
         return len(self._heights_m)
+
+    def near(self, low_m: FloatArray, high_m: FloatArray) -> tuple[IntArray, "Obstacles"]:
+        """Return which obstacles reach into a box of the ground, and these alone.
+
+        Of those that also reach out of it, what lies outside may be left out.
+
+        Args:
+            low_m: South-west corner, shape ``(2,)``.
+            high_m: North-east corner, shape ``(2,)``.
+        """
+        inside = (high_m >= self._low_m[..., 0].T) & (low_m <= self._high_m[..., 0].T)
+        rows = np.flatnonzero(inside.all(axis=1))
+        few = copy(self)
+        few._heights_m = self._heights_m[rows]
+        few._pieces = self._pieces.near(low_m, high_m)
+        # No more corners than theirs: beyond, all edges are without length.
+        edges = np.flatnonzero(self._inverse_square[:, rows].any(axis=1))
+        corners = int(edges.max(initial=0)) + 1
+        few._next_corner = np.roll(np.arange(corners), -1)
+        few._corner_m = self._corner_m[:, :corners, rows]
+        few._edge_m = self._edge_m[:, :corners, rows]
+        few._inverse_square = self._inverse_square[:corners, rows]
+        few._low_m, few._high_m = self._low_m[:, rows], self._high_m[:, rows]
+        return rows, few
 
     def crash_depth_m(self, start_enu_m: FloatArray, end_enu_m: FloatArray) -> FloatArray:
         """Return how much of each straight way lies inside the union of the obstacles.

@@ -69,6 +69,24 @@ class ConvexPieces:
         """Return what ``rows`` of a batch can meet: here all of it, in an atlas of maps a part."""
         return self
 
+    def near(self, low_m: FloatArray, high_m: FloatArray) -> "ConvexPieces":
+        """Return the pieces that reach into a box of the ground, corners of shape ``(2,)``."""
+        here = (self.low_x_m <= high_m[0]) & (self.high_x_m >= low_m[0])
+        here &= (self.low_y_m <= high_m[1]) & (self.high_y_m >= low_m[1])
+        kept = here[:, 0]
+        return ConvexPieces(
+            normal_x=self.normal_x[:, kept],
+            normal_y=self.normal_y[:, kept],
+            offset_m=self.offset_m[:, kept],
+            roof_m=self.roof_m[kept],
+            low_x_m=self.low_x_m[kept],
+            high_x_m=self.high_x_m[kept],
+            low_y_m=self.low_y_m[kept],
+            high_y_m=self.high_y_m[kept],
+            center_m=self.center_m[:, kept],
+            radius_m=self.radius_m[kept],
+        )
+
     def covered(self, start_m: FloatArray, end_m: FloatArray) -> FloatArray:
         """Return the fraction of each segment inside the union of the prisms, ``(N,)``.
 
