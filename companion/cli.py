@@ -25,7 +25,7 @@ usage: companion COMMAND [OPTIONS]      (companion COMMAND --help says more)
   run       fly a policy on a vehicle
   preflight look at a vehicle before a flight: GO or NO-GO
   mock      start the built-in mock vehicle
-  review    print and open what a run has left behind
+  review    say what happened in a flight: a run of ours, or any .tlog
   replay    make the decisions of a run again and compare
   maps      check or show a map file, or import one from building footprints
   actors    show an actor file and its contract
@@ -34,16 +34,24 @@ usage: companion COMMAND [OPTIONS]      (companion COMMAND --help says more)
 
 @dataclass(frozen=True)
 class ReviewArgs:
-    """Print the report of a session and open its recording."""
+    """Say what happened in a flight, and open it in the viewer.
 
-    session: tyro.conf.Positional[Path]
-    """Session folder, as named by ``companion run``."""
+    Reads a session folder of `companion run`, a recording (.rrd), or a telemetry log (.tlog) of
+    any PX4 or ArduPilot vehicle, whoever recorded it.
+    """
+
+    flights: tyro.conf.Positional[tuple[Path, ...]]
+    """Session folder, recording or telemetry log; two of them with --compare."""
     text: bool = False
     """Only print the report."""
     png: Path | None = None
     """Render the recording into this picture, without a display."""
     at: float | None = None
     """Time of the picture (s since the start); by default the end."""
+    html: Path | None = None
+    """Write a page with summary, events and plots into this folder; it needs no network."""
+    compare: bool = False
+    """Lay two flights over each other, and their figures side by side."""
 
 
 @dataclass(frozen=True)
@@ -154,9 +162,9 @@ def _run(argv: list[str]) -> int:
     if config.json:
         _print_json(summary)
     else:
-        from companion.session.review import review
+        from companion.review.words import brief
 
-        print(review(Path(summary.session_dir or ".")))
+        print(brief(Path(summary.session_dir or ".")))
     if summary.exit_code:
         _complain(f"{summary.outcome}: {summary.reason}")
     return summary.exit_code
@@ -199,15 +207,11 @@ def _mock(argv: list[str]) -> int:
 
 def _review(argv: list[str]) -> int:
     args = tyro.cli(ReviewArgs, args=argv, prog="companion review")
-    from companion.session import review
+    if len(args.flights) != 1 + args.compare:
+        raise UsageError(f"{len(args.flights)} flights were given: name one, or two with --compare")
+    from companion.review.command import review_command
 
-    print(review.review(args.session))
-    if args.png is not None:
-        review.render_png(args.session, args.png, at_s=args.at)
-        print(f"wrote {args.png}")
-    elif not args.text:
-        print(review.open_viewer(args.session))
-    return 0
+    return review_command(args.flights, text=args.text, png=args.png, at_s=args.at, html=args.html)
 
 
 def _replay(argv: list[str]) -> int:
@@ -248,7 +252,7 @@ def _maps(argv: list[str]) -> int:
         draw_map(city, png)
         print(f"wrote {png}")
         if args.rerun:
-            from companion.session.review import show_map
+            from companion.review.show import show_map
 
             print(show_map(city))
     return 0

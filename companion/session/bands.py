@@ -18,35 +18,46 @@ BANDS: dict[str, Callable[[Tick], str]] = {
 _UNKNOWN = "-"
 
 
-class Bands:
-    """Logs a state when it changes, and its colour when it is first seen."""
+class StateBand:
+    """Logs one state when it changes, and the colour of a word when it is first seen."""
 
-    def __init__(self, writer: StreamWriter) -> None:
+    def __init__(self, writer: StreamWriter, path: str) -> None:
         self._writer = writer
-        self._now: dict[str, str] = {}
-        self._seen: dict[str, list[str]] = {path: [] for path in BANDS}
+        self._path = path
+        self._now: str | None = None
+        self._seen: list[str] = []
 
-    def send(self, ticks: Sequence[Tick]) -> None:
-        """Send the changes of one batch."""
-        for path, word_of in BANDS.items():
-            changes: list[tuple[float, str]] = []
-            for tick in ticks:
-                word = word_of(tick) or _UNKNOWN
-                if word != self._now.get(path):
-                    self._now[path] = word
-                    changes.append((tick.time_s, word))
-            if changes:
-                words = [word for _, word in changes]
-                self._style(path, words)
-                times_s = [time_s for time_s, _ in changes]
-                self._writer.columns(path, times_s, rr.StateChange.columns(state=words))
+    def send(self, states: Sequence[tuple[float, str]]) -> None:
+        """Send what changes in ``states``, the state at each time."""
+        changes: list[tuple[float, str]] = []
+        for time_s, word in states:
+            if word != self._now:
+                self._now = word
+                changes.append((time_s, word))
+        if not changes:
+            return
+        self._style([word for _, word in changes])
+        columns = rr.StateChange.columns(state=[word for _, word in changes])
+        self._writer.columns(self._path, [time_s for time_s, _ in changes], columns)
 
-    def _style(self, path: str, words: Sequence[str]) -> None:
-        seen = self._seen[path]
+    def _style(self, words: Sequence[str]) -> None:
+        seen = self._seen
         new = [word for word in dict.fromkeys(words) if word not in seen]
         if new:
             seen += new
             colors = [band_color(word, index) for index, word in enumerate(seen)]
             self._writer.static(
-                path, rr.StateConfiguration(values=seen, labels=seen, colors=colors)
+                self._path, rr.StateConfiguration(values=seen, labels=seen, colors=colors)
             )
+
+
+class Bands:
+    """Logs the states of a session of ours."""
+
+    def __init__(self, writer: StreamWriter) -> None:
+        self._bands = [(StateBand(writer, path), word_of) for path, word_of in BANDS.items()]
+
+    def send(self, ticks: Sequence[Tick]) -> None:
+        """Send the changes of one batch."""
+        for band, word_of in self._bands:
+            band.send([(tick.time_s, word_of(tick) or _UNKNOWN) for tick in ticks])

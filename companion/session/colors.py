@@ -34,17 +34,28 @@ _LEAVING: Color = (122, 88, 170)
 _CARE: Color = (176, 122, 30)
 _ALARM: Color = (196, 84, 40)
 _BAD: Color = (186, 48, 56)
+_PILOT: Color = (168, 84, 140)
 _QUIET: Color = (62, 68, 82)
 _BANDS = (_CALM, _BUSY, _LEAVING, _CARE, _GOOD, _ALARM)
 _BAND_WORDS: dict[Color, tuple[str, ...]] = {
-    _GOOD: ("engaged", "OFFBOARD", "GUIDED", "fresh"),
-    _CALM: ("ready", "armed"),
+    _GOOD: (
+        *("engaged", "OFFBOARD", "GUIDED", "fresh"),
+        *("fix", "ok", "heard", "in the air", "setpoints", "inside"),
+    ),
+    _CALM: ("ready", "armed", "AUTO.MISSION", "AUTO"),
     _BUSY: ("arming", "taking off", "engaging", "AUTO.TAKEOFF", "TAKEOFF"),
-    _LEAVING: ("handing over", "AUTO.LAND", "AUTO.RTL", "LAND", "RTL", "SMART_RTL"),
+    _LEAVING: ("handing over", "landing", "AUTO.LAND", "AUTO.RTL", "LAND", "RTL", "SMART_RTL"),
     _CARE: ("holding", "AUTO.LOITER", "LOITER", "BRAKE", "coast", "speed limit", "ground"),
-    _ALARM: ("obstacle", "blocked", "edge of the map", "hold"),
-    _BAD: ("stood down", "inside the margin", "emergency", "lost"),
-    _QUIET: ("-", "preflight", "done", "disarmed", "clear", "none"),
+    _ALARM: ("obstacle", "blocked", "edge of the map", "hold", "glitch"),
+    _BAD: (
+        *("stood down", "inside the margin", "emergency", "lost"),
+        *("no fix", "no position", "silent", "outside", "CRITICAL", "EMERGENCY", "TERMINATION"),
+    ),
+    _QUIET: ("-", "preflight", "done", "disarmed", "clear", "none", "on ground"),
+    _PILOT: (
+        *("POSCTL", "ALTCTL", "MANUAL", "ACRO", "STABILIZED"),
+        *("STABILIZE", "ALT_HOLD", "POSHOLD", "SPORT", "DRIFT"),
+    ),
 }
 _BY_WORD = {word: color for color, words in _BAND_WORDS.items() for word in words}
 _CYCLE: tuple[Color, ...] = (MEASURED, PROPOSED, SENT, TARGET, EXTRA, LIMIT, SHIELDED, FENCE)
@@ -59,6 +70,12 @@ def packed(color: Color) -> int:
     """Return a colour as one number, RGBA from the highest byte, opaque."""
     red, green, blue = color
     return red << 24 | green << 16 | blue << 8 | 0xFF
+
+
+def bright(color: Color) -> Color:
+    """Return a colour of the bands as a line on the dark scene wants it."""
+    red, green, blue = (min(255, 60 + round(1.35 * part)) for part in color)
+    return red, green, blue
 
 
 def band_color(word: str, index: int) -> Color:

@@ -3,7 +3,7 @@
 Everything is in the map frame, ENU with z up; the body frame is x forward, y left, z up.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from companion.arrays import FloatArray
 from companion.session import colors
 from companion.session.colors import Color
-from companion.session.records import Tick
+from companion.session.records import SessionStart, Tick
 
 _SEGMENT_M = 0.4  # of the path; shorter pieces would only make the recording larger
 _COURSE_TIME_S = 1.5  # the chase camera turns that slowly
@@ -112,6 +112,20 @@ def path_color(tick: Tick, margin_m: float) -> Color:
         return colors.SHIELDED
     # zero is what is streamed while the autopilot takes off or holds
     return colors.MEASURED if tick.safe_enu_mps and any(tick.safe_enu_mps) else colors.IDLE
+
+
+def painter(start: SessionStart) -> Callable[[Tick], Color]:
+    """Return what colours the path: who decided, or the flight mode where no actor of ours flew."""
+    if start.actor.name:
+        return lambda tick: path_color(tick, start.margin_m)
+    modes: list[str] = []
+
+    def by_mode(tick: Tick) -> Color:
+        if tick.mode not in modes:
+            modes.append(tick.mode)
+        return colors.bright(colors.band_color(tick.mode, modes.index(tick.mode)))
+
+    return by_mode
 
 
 def vectors(rows: Sequence[list[float] | None]) -> FloatArray:

@@ -32,6 +32,7 @@ class Moving:
         self._edge_m = max(start.map.size_m[:2])
         self._course = motion.Course()
         self._paths = {"vehicle": motion.Path(), "target": motion.Path()}
+        self._paint = motion.painter(start)
         self._shown: set[str] = set()
         for name, (color, radius, _) in _ARROWS.items():
             style = rr.Arrows3D.from_fields(colors=[color], radii=[radius * self._edge_m])
@@ -68,10 +69,8 @@ class Moving:
         self._send_distances(times_s, position_m)
         for name, (_, _, velocity) in _ARROWS.items():
             self._send_arrows(f"world/velocity/{name}", ticks, velocity)
-        margin_m = self._start.margin_m
         self._send_path(
-            "vehicle",
-            [(tick, tick.position_enu_m, motion.path_color(tick, margin_m)) for tick in ticks],
+            "vehicle", [(tick, tick.position_enu_m, self._paint(tick)) for tick in ticks]
         )
 
     def _send_distances(self, times_s: Sequence[float], position_m: FloatArray) -> None:

@@ -23,7 +23,7 @@ class Plan:
     def __init__(self, writer: StreamWriter, start: SessionStart) -> None:
         """Draw the map."""
         self._writer = writer
-        self._margin_m = start.margin_m
+        self._paint = motion.painter(start)
         self._paths = {"vehicle": motion.Path(), "target": motion.Path()}
         city = start.map
         east_m, north_m, _ = city.size_m
@@ -47,10 +47,7 @@ class Plan:
         self._send_place("vehicle", [(tick.time_s, tick.position_enu_m) for tick in placed])
         self._send_path(
             "vehicle",
-            [
-                (tick.time_s, tick.position_enu_m, motion.path_color(tick, self._margin_m))
-                for tick in placed
-            ],
+            [(tick.time_s, tick.position_enu_m, self._paint(tick)) for tick in placed],
         )
         targeted = [tick for tick in ticks if tick.target_enu_m is not None]
         self._send_place("target", [(tick.time_s, tick.target_enu_m) for tick in targeted])

@@ -7,6 +7,7 @@ import rerun as rr
 from companion.session import curves
 from companion.session.colors import cycle
 from companion.session.curves import Curve, Line
+from companion.session.log_curves import LOG_CURVES
 from companion.session.records import SessionStart, Tick
 from companion.session.writer import StreamWriter
 
@@ -19,7 +20,8 @@ class Plots:
         self._writer = writer
         self._start = start
         self._rates: set[str] = set()
-        for curve in curves.CURVES:
+        self._curves = curves.CURVES if start.actor.name else LOG_CURVES
+        for curve in self._curves:
             writer.static(curve.path, _style(curve.lines))
         columns = start.actor.columns
         writer.static(
@@ -36,7 +38,7 @@ class Plots:
 
     def send(self, ticks: Sequence[Tick]) -> None:
         """Send one batch."""
-        for curve in curves.CURVES:
+        for curve in self._curves:
             self._send_curve(curve, ticks)
         self._send_interventions(ticks)
         self._send_observation(ticks)

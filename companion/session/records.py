@@ -14,7 +14,8 @@ from companion.session.summary import Summary
 from companion.vehicle import Severity
 from companion.world.maps import Map
 
-Source = Literal["autopilot", "companion"]
+Source = Literal["autopilot", "companion", "review"]
+"""Who says it; ``review`` is what was found in the frames afterwards."""
 
 
 class MapRecord(msgspec.Struct, frozen=True):

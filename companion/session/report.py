@@ -30,6 +30,12 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
     return [(name, value) for name, value in rows if value]
 
 
+def result_line(summary: Summary) -> str:
+    """Return in a line how the run ended."""
+    outcome = summary.outcome.replace("_", " ")
+    return f"{outcome} (exit code {summary.exit_code}): {summary.reason}"
+
+
 def markdown(start: SessionStart, summary: Summary | None) -> str:
     """Return the summary panel of the viewer."""
     vehicle, began = start.vehicle, datetime.fromtimestamp(start.start_utc_us / 1e6, UTC)

@@ -18,6 +18,7 @@ Records are sent as columns: a row at a time would cost ten times the bytes.
 import contextlib
 from collections.abc import Sequence
 
+import msgspec
 import rerun as rr
 
 from companion.session import scene
@@ -38,6 +39,16 @@ _LEVELS = {
     Severity.INFO: rr.TextLogLevel.INFO,
     Severity.DEBUG: rr.TextLogLevel.DEBUG,
 }
+
+
+def send_events(writer: StreamWriter, events: Sequence[Event]) -> None:
+    """Send lines of text, each source on its own."""
+    for source in sorted({event.source for event in events}):
+        lines = [event for event in events if event.source == source]
+        levels = [_LEVELS.get(line.severity, rr.TextLogLevel.ERROR) for line in lines]
+        columns = rr.TextLog.columns(text=[line.text for line in lines], level=levels)
+        # tenths of a second are what the viewer's time column has room for
+        writer.columns(f"log/{source}", [round(line.time_s, 1) for line in lines], columns)
 
 
 class SessionLog:
@@ -71,13 +82,7 @@ class SessionLog:
         if ticks:
             for part in self._parts:
                 part.send(ticks)
-        for source in sorted({event.source for event in events}):
-            lines = [event for event in events if event.source == source]
-            levels = [_LEVELS.get(line.severity, rr.TextLogLevel.ERROR) for line in lines]
-            columns = rr.TextLog.columns(text=[line.text for line in lines], level=levels)
-            # tenths of a second are what the viewer's time column has room for
-            times_s = [round(line.time_s, 1) for line in lines]
-            self._writer.columns(f"log/{source}", times_s, columns)
+        send_events(self._writer, events)
 
     def mark(self, mark: Mark) -> None:
         """Put a label on the map."""
@@ -94,6 +99,8 @@ class SessionLog:
             shield_interventions=summary.shield_interventions,
         )
         self._stream.send_property("result", result)
+        whole = msgspec.json.encode(summary).decode()
+        self._stream.send_property("summary", rr.AnyValues(json=whole))
         self._summarise(summary)
 
     def close(self) -> None:

@@ -12,6 +12,9 @@ from rerun.experimental import ViewerClient
 
 from companion.clock import sleep_s
 from companion.errors import CompanionError, UsageError
+from companion.review.show import open_viewer, render_png
+from companion.review.sources import open_flight
+from companion.review.words import brief, report
 from companion.session.folder import write_config, write_summary
 from companion.session.recorder import Recorder
 from companion.session.records import (
@@ -25,7 +28,6 @@ from companion.session.records import (
     VehicleRecord,
     map_record,
 )
-from companion.session.review import open_viewer, render_png, review
 from companion.session.summary import Summary
 from companion.session.viewer import headless_viewer
 from companion.vehicle import Severity
@@ -240,7 +242,7 @@ def test_the_picture_shows_every_view_and_no_complaint(session, vulkan):
 
 
 def test_the_picture_is_not_blank(session, vulkan, tmp_path):
-    render_png(session, tmp_path / "review.png", at_s=20.0, size=(1280, 720))
+    render_png(open_flight(session), tmp_path / "review.png", at_s=20.0, size=(1280, 720))
     with Image.open(tmp_path / "review.png") as picture:
         assert picture.size == (1280, 720)
         scene = np.asarray(picture.convert("L"), dtype=float)[60:480, :740]
@@ -248,7 +250,7 @@ def test_the_picture_is_not_blank(session, vulkan, tmp_path):
 
 
 def test_the_report_fits_a_terminal(session):
-    text = review(session)
+    text = report(open_flight(session))
     assert max(map(len, text.splitlines()[1:])) <= 80
     for expected in ("followed the target", "Smallest clearance", "session.rrd", "env1"):
         assert expected in text
@@ -260,8 +262,8 @@ def test_a_cut_off_recording_is_mended_beside_itself(session, tmp_path, monkeypa
     whole = (session / "session.rrd").read_bytes()
     cut = tmp_path / "session.rrd"
     cut.write_bytes(whole[: len(whole) * 3 // 4])
-    assert "cut off" in review(tmp_path)
-    assert "session.mended.rrd" in open_viewer(tmp_path)
+    assert "cut off" in report(open_flight(tmp_path))
+    assert "session.mended.rrd" in open_viewer(open_flight(tmp_path))
     assert cut.read_bytes() == whole[: len(whole) * 3 // 4]
     assert rows_of(tmp_path / "session.mended.rrd")
 
@@ -270,25 +272,26 @@ def test_a_cut_off_recording_is_mended_beside_itself(session, tmp_path, monkeypa
 def test_what_is_no_recording_is_said_in_one_line(tmp_path, content):
     (tmp_path / "session.rrd").write_bytes(content)
     with pytest.raises(CompanionError, match=r"session\.rrd") as raised:
-        open_viewer(tmp_path)
+        open_flight(tmp_path)
     assert "\n" not in str(raised.value)
 
 
 def test_what_is_no_session_is_said(tmp_path):
     with pytest.raises(UsageError, match="not a session"):
-        review(tmp_path)
-    with pytest.raises(UsageError, match="not a folder"):
-        review(tmp_path / "missing")
+        open_flight(tmp_path)
+    with pytest.raises(UsageError, match="there is no"):
+        open_flight(tmp_path / "missing")
 
 
 def test_a_session_without_rerun_still_has_its_report(tmp_path):
     (tmp_path / "flight.tlog").write_bytes(b"")
-    assert "missing" in review(tmp_path)
-    with pytest.raises(UsageError, match="without Rerun"):
-        render_png(tmp_path, tmp_path / "review.png")
+    assert "missing" in brief(tmp_path)
+    with pytest.raises(UsageError, match="is empty"):
+        render_png(open_flight(tmp_path), tmp_path / "review.png")
 
 
 def test_a_damaged_summary_is_named(tmp_path):
     (tmp_path / "summary.json").write_text("{")
-    with pytest.raises(CompanionError, match=r"summary\.json"):
-        review(tmp_path)
+    for read in (open_flight, brief):
+        with pytest.raises(UsageError, match=r"summary\.json is damaged"):
+            read(tmp_path)

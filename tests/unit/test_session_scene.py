@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 import shapely
 
-from companion.session.blueprint import _SLOPE_ACROSS, _SLOPE_UP, _stand_back
 from companion.session.curves import CURVES, DISTANCE, SPEED
 from companion.session.records import ActorRecord, MapRecord, SessionStart, Tick, VehicleRecord
 from companion.session.scene import _roof, _walls
+from companion.session.views import SLOPE_ACROSS as _SLOPE_ACROSS
+from companion.session.views import SLOPE_UP as _SLOPE_UP
+from companion.session.views import stand_back as _stand_back
 
 SQUARE = [[0, 0], [4, 0], [4, 4], [0, 4]]
 L_SHAPE = [[0, 0], [4, 0], [4, 1], [1, 1], [1, 4], [0, 4]]

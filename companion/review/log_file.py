@@ -1,0 +1,128 @@
+"""A telemetry log (``.tlog``) as frames, whoever wrote it and however it ends.
+
+Every entry is the time in microseconds since 1970, eight bytes big-endian, and one MAVLink frame.
+Logs of the field are cut off, have holes, and start before the clock was set: what cannot be read
+is counted and stepped over.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from companion.errors import UsageError
+
+_STAMP_BYTES = 8
+_V1, _V2 = 0xFE, 0xFD
+_MAGIC = re.compile(rb"[\xfd\xfe]")
+_SIGNATURE_BYTES = 13
+_EARLIEST_US, _LATEST_US = 0, 4_102_444_800_000_000  # 1970 to 2100: some clocks were never set
+_STEP_US = 600_000_000  # a jump of the clock, not a silence of the link
+_OTHERS = {
+    b"ULog": "a ULog of PX4: the vehicle's own log, not what crossed the link",
+    b"\xa3\x95": "a dataflash log of ArduPilot: the vehicle's own log, not what crossed the link",
+    b"RRF": "a Rerun recording: name it .rrd",
+}
+
+
+class Frame(NamedTuple):
+    """One MAVLink frame of the log, its fields not yet decoded."""
+
+    time_s: float
+    """Since the first frame."""
+    system_id: int
+    component_id: int
+    sequence: int
+    message_id: int
+    data: bytes
+
+
+@dataclass
+class LogFile:
+    """The bytes of a log, and what was met on the way through them."""
+
+    path: Path
+    data: bytes
+    start_utc_us: int = 0
+    bad_bytes: int = 0
+    """Bytes that belong to no entry, of the last pass."""
+    clock_steps: int = 0
+    """Times the writer's clock was set, of the last pass."""
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield the frames in order; one pass."""
+        self.bad_bytes = self.clock_steps = 0
+        data, size = self.data, len(self.data)
+        at, last_us, offset_us = 0, None, 0
+        while at + _STAMP_BYTES + 2 < size:
+            end = _entry_end(data, at, size)
+            utc_us = int.from_bytes(data[at : at + _STAMP_BYTES], "big")
+            if end is None or not _EARLIEST_US <= utc_us < _LATEST_US:
+                at = self._skip(at)
+                continue
+            if last_us is None:
+                self.start_utc_us = utc_us
+            elif not -_STEP_US / 10 < utc_us - last_us < _STEP_US:
+                offset_us += last_us - utc_us
+                self.clock_steps += 1
+            last_us = utc_us
+            time_s = max(0.0, (utc_us + offset_us - self.start_utc_us) * 1e-6)
+            yield _frame(time_s, data[at + _STAMP_BYTES : end])
+            at = end
+        self.bad_bytes += size - at
+
+    def _skip(self, at: int) -> int:
+        """Return where the next entry may begin."""
+        found = _MAGIC.search(self.data, at + _STAMP_BYTES + 1)
+        after = len(self.data) if found is None else found.start() - _STAMP_BYTES
+        self.bad_bytes += after - at
+        return after
+
+
+def open_log(path: Path) -> LogFile:
+    """Read a telemetry log.
+
+    Raises:
+        UsageError: If it cannot be read, or holds no MAVLink.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise UsageError(f"cannot read {path}: {error.strerror}") from error
+    if not data:
+        raise UsageError(f"{path} is empty")
+    for magic, what in _OTHERS.items():
+        if data.startswith(magic):
+            raise UsageError(f"{path} is {what}")
+    log = LogFile(path, data)
+    if next(log.frames(), None) is None:
+        raise UsageError(f"{path} is no telemetry log: there is no MAVLink in it")
+    return log
+
+
+def _entry_end(data: bytes, at: int, size: int) -> int | None:
+    """Return the end of the entry at ``at``, ``None`` if there is none.
+
+    An entry is believed where another follows it or the file ends.
+    """
+    begin = at + _STAMP_BYTES
+    magic = data[begin]
+    if magic == _V2:
+        if data[begin + 2] & ~1:
+            return None
+        end = begin + data[begin + 1] + 12 + (_SIGNATURE_BYTES if data[begin + 2] & 1 else 0)
+    elif magic == _V1:
+        end = begin + data[begin + 1] + 8
+    else:
+        return None
+    if end > size:
+        return None
+    following = end + _STAMP_BYTES
+    return end if following >= size or data[following] in (_V1, _V2) else None
+
+
+def _frame(time_s: float, data: bytes) -> Frame:
+    if data[0] == _V2:
+        return Frame(time_s, data[5], data[6], data[4], int.from_bytes(data[7:10], "little"), data)
+    return Frame(time_s, data[3], data[4], data[2], data[5], data)

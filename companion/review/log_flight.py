@@ -1,0 +1,151 @@
+"""A telemetry log as a ``Flight``, and as a recording for the viewer."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from companion.arrays import FloatArray
+from companion.review.log_story import LogStory
+from companion.session.flight import NOWHERE, City, CurveData, Flight, Track
+from companion.session.log_curves import LOG_CURVES
+from companion.session.motion import painter
+from companion.session.records import (
+    ActorRecord,
+    MapRecord,
+    SessionStart,
+    Tick,
+    VehicleRecord,
+)
+from companion.vehicle import Severity
+
+_LEAST_SIDE_M = 40.0
+_RIM = 0.15
+_MOST_FINDINGS = 6
+
+
+def log_start(story: LogStory) -> tuple[SessionStart, list[Tick]]:
+    """Return what the scene is made of: a box of air around the path, and the ticks in it."""
+    placed = [tick.position_enu_m for tick in story.ticks if tick.position_enu_m is not None]
+    places = np.array(placed or [[0.0, 0.0, 0.0]])
+    low, high = places.min(axis=0), places.max(axis=0)
+    side_m = max(_LEAST_SIDE_M, (1.0 + 2.0 * _RIM) * float((high - low)[:2].max()))
+    corner = np.array([*(0.5 * (low + high)[:2] - 0.5 * side_m), 0.0])
+    top_m = max(0.3 * side_m, 1.1 * float(high[2]))
+    speeds = [tick.velocity_enu_mps for tick in story.ticks if tick.velocity_enu_mps is not None]
+    fastest = float(np.linalg.norm(np.array(speeds), axis=-1).max()) if speeds else 1.0
+    start = SessionStart(
+        session_id=f"{story.path.stem}-{story.start_utc_us}",
+        start_utc_us=story.start_utc_us,
+        map=MapRecord(story.path.name, [side_m, side_m, top_m]),
+        actor=ActorRecord(""),
+        vehicle=VehicleRecord(story.senders.vehicle, story.senders.firmware, story.version),
+        config={},
+        v_max_mps=max(1.0, fastest),
+        margin_m=0.0,
+        arrival_radius_m=0.02 * side_m,
+    )
+    return start, [_moved(tick, corner) for tick in story.ticks]
+
+
+def log_flight(story: LogStory) -> Flight:
+    """Return the log as it is reviewed."""
+    start, ticks = log_start(story)
+    paint = painter(start)
+    placed = [tick for tick in ticks if tick.position_enu_m is not None]
+    others = [tick for tick in ticks if tick.target_enu_m is not None]
+    curves = {}
+    for curve in LOG_CURVES:
+        time_s, values = curve.rows(ticks, start)
+        names, shades = zip(*((line.name, line.color) for line in curve.lines), strict=True)
+        if len(time_s):
+            curves[curve.path] = CurveData(curve.path, curve.title, names, shades, time_s, values)
+    return Flight(
+        path=story.path,
+        title=story.path.name,
+        result=headline(story),
+        start_utc_us=story.start_utc_us,
+        duration_s=story.duration_s,
+        facts=list(story.story.facts),
+        settings=[("Vehicle", story.vehicle_name), ("Began", _date(story.start_utc_us))],
+        events=story.events,
+        bands=story.story.bands,
+        curves=curves,
+        vehicle=_track([(tick, tick.position_enu_m) for tick in placed], paint),
+        target=_track([(tick, tick.target_enu_m) for tick in others], None),
+        city=City(start.map.name, (*start.map.size_m,)),  # type: ignore[arg-type]
+    )
+
+
+def write_log(story: LogStory, recording: Path) -> None:
+    """Write the log as a recording.
+
+    Raises:
+        UsageError: If Rerun is not installed.
+        OSError: If the file cannot be written.
+    """
+    from companion.session.log_recording import write_log_recording
+
+    start, ticks = log_start(story)
+    write_log_recording(
+        recording,
+        start,
+        ticks=ticks,
+        events=story.events,
+        bands=story.story.bands,
+        page=_page(story),
+    )
+
+
+def headline(story: LogStory) -> str:
+    """Return in a line what became of the flight."""
+    facts = dict(story.story.facts)
+    grave = [event for event in story.events if event.severity <= Severity.WARNING]
+    flown = facts.get("In the air")
+    words = "never took off" if flown is None else f"{flown} in the air"
+    if story.story.in_air:
+        words += ", not landed by the end of the log"
+    return f"{words}; {len(grave)} warnings" if grave else f"{words}; nothing stands out"
+
+
+def _page(story: LogStory) -> str:
+    """Return the summary for the viewer, Markdown."""
+    rows = "\n".join(f"| {name} | {value} |" for name, value in story.story.facts)
+    grave = [
+        event
+        for event in story.events
+        if event.severity <= Severity.WARNING and event.source == "review"
+    ]
+    lines = [f"- **{event.time_s:.1f} s** {event.text}" for event in grave[:_MOST_FINDINGS]]
+    if len(grave) > _MOST_FINDINGS:
+        lines.append(f"- and {len(grave) - _MOST_FINDINGS} more: see the messages")
+    found = "\n".join(lines)
+    return (
+        f"### {headline(story)}\n\n{found}\n\n| | |\n|---|---|\n{rows}\n\n"
+        f"{story.vehicle_name}. {_date(story.start_utc_us)}. "
+        "The colour of the path is that of the flight mode.\n"
+    )
+
+
+def _date(utc_us: int) -> str:
+    return f"{datetime.fromtimestamp(utc_us / 1e6, UTC):%Y-%m-%d %H:%M:%S} UTC"
+
+
+def _moved(tick: Tick, corner: FloatArray) -> Tick:
+    def moved(place: list[float] | None) -> list[float] | None:
+        return None if place is None else (np.array(place) - corner).tolist()
+
+    return msgspec.structs.replace(
+        tick, position_enu_m=moved(tick.position_enu_m), target_enu_m=moved(tick.target_enu_m)
+    )
+
+
+def _track(steps, paint) -> Track:  # type: ignore[no-untyped-def]  # noqa: ANN001
+    if not steps:
+        return NOWHERE
+    return Track(
+        np.array([tick.time_s for tick, _ in steps]),
+        np.array([place for _, place in steps]),
+        tuple(paint(tick) for tick, _ in steps) if paint else (),
+    )
