@@ -23,6 +23,9 @@ UNINIT, BOOTING, STANDBY, ACTIVE, FAILSAFE = 0, 1, 3, 4, 5
 ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 """MAV_LANDED_STATE of EXTENDED_SYS_STATE."""
 
+COMPONENT_ID = 1
+"""MAV_COMP_ID_AUTOPILOT1."""
+
 
 class FlightMode(Protocol):
     """A mode of any autopilot: one member of an enumeration."""
@@ -49,6 +52,7 @@ class PowerUp:
     wind: Wind
     noise_m: float
     rng: np.random.Generator
+    system_id: int = 1
 
 
 class Autopilot(ABC):
@@ -58,11 +62,14 @@ class Autopilot(ABC):
     """The modes by their names in lower case, as faults name them."""
     takeover_mode: ClassVar[str]
     """What a pilot's mode switch chooses."""
+    external_mode_number: ClassVar[int]
+    """DO_SET_MODE param2 for the mode in which it obeys setpoints."""
     hold_mode: ClassVar[str]
     """What a ground station chooses to stop the vehicle."""
 
     def __init__(self, start: PowerUp, parameters: Parameters, estimator: Estimator) -> None:
         self.now_s = 0.0
+        self.system_id = start.system_id
         self._noise_m = start.noise_m
         self._rng = start.rng
         self.body = start.body

@@ -1,18 +1,31 @@
 """One link of an autopilot: its codec and its stream rates. No socket."""
 
+import contextlib
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.mock.autopilot import Autopilot, FlightMode
+from sim.mock.autopilot import COMPONENT_ID, Autopilot, FlightMode
+from sim.mock.packet import MAVLINK2, Packet
+from sim.mock.signing import SIGNATURE_BYTES, SIGNED, Keyring
 from sim.mock.streams import Builders
 
-SYSTEM_ID = 1
-COMPONENT_ID = 1
 TEXT_CHUNK = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """What a link is opened with."""
+
+    ground: bool = False
+    """Whether it has the rates of a ground-station port."""
+    system_id: int = 1
+    keyring: Keyring = field(default_factory=Keyring)
+    """The key of the vehicle; empty where nobody signs."""
 
 
 class Channel(ABC):
@@ -21,11 +34,14 @@ class Channel(ABC):
     Args:
         builders: The messages that can be sent.
         default_hz: Rates after power-up, by message number; what is not in it is off.
+        port: Whose link it is.
     """
 
-    def __init__(self, builders: Builders, default_hz: Mapping[int, float]) -> None:
-        self._codec: Any = mavlink.MAVLink(None, srcSystem=SYSTEM_ID, srcComponent=COMPONENT_ID)
-        self._codec.robust_parsing = True
+    def __init__(self, builders: Builders, default_hz: Mapping[int, float], port: Port) -> None:
+        self._codec: Any = mavlink.MAVLink(None, port.system_id, COMPONENT_ID)
+        self._parser: Any = mavlink.MAVLink(None)
+        self._parser.robust_parsing = True
+        self.keyring = port.keyring
         self.shown_mode: FlightMode | None = None
         """The mode in the newest HEARTBEAT: what the other end can know."""
         self.builders = builders
@@ -33,29 +49,65 @@ class Channel(ABC):
         self._interval_s: dict[int, float] = {}
         self._due_s: dict[int, float] = {}
         self._origin_sent = self._home_sent = -1
+        self.listened_to: Collection[int] | None = None
+        """The streams that anybody reads; ``None`` for all of them."""
         self._text_id = 1
-        self._out: list[bytes] = []
+        self.ack_delay_s = 0.0
+        """A fault: answers to commands come so much later."""
+        self.ack_progress = False
+        """A fault: meanwhile the answer is IN_PROGRESS."""
+        self._acks: list[tuple[float, Any]] = []
+        self._out: list[Packet] = []
 
     def decode(self, data: bytes) -> list[Any]:
         """Return the valid messages completed by ``data``; garbage is skipped."""
-        messages = self._codec.parse_buffer(data) or []
-        return [message for message in messages if message.get_type() != "BAD_DATA"]
+        return [
+            message
+            for message in self._parse(data)
+            if message.get_type() != "BAD_DATA" and self.keyring.admits(bytes(message.get_msgbuf()))
+        ]
+
+    def _parse(self, data: bytes) -> list[Any]:
+        whole = (
+            len(data) >= 12
+            and data[0] == MAVLINK2
+            and len(data) == 12 + data[1] + (SIGNATURE_BYTES if data[2] & SIGNED else 0)
+            and self._parser.buf_len() == 0
+        )
+        if whole:  # one datagram, one packet: the long way through the parser is not needed
+            with contextlib.suppress(mavlink.MAVError):
+                return [self._parser.decode(bytearray(data))]
+        return self._parser.parse_buffer(data) or []
 
     def send(self, message: Any) -> None:
-        """Queue a message of the autopilot."""
-        self._out.append(message.pack(self._codec))
-        self._codec.seq = (self._codec.seq + 1) % 256
+        """Queue a message of the autopilot, signed where there is a key."""
+        if self.keyring.secret is None:
+            self._out.append(Packet(message, self._codec))
+            return
+        self.keyring.arm(self._codec)
+        packet = Packet(message, self._codec)
+        self._out.append(Packet.of(packet.data))  # at once: the stamp is that of now
+        self.keyring.disarm(self._codec)
 
-    def send_raw_payload(self, message: Any, payload: bytes) -> None:
-        """Queue ``message`` with a payload of our own, for bit patterns no float survives."""
-        self._out.append(message._pack(self._codec, message.crc_extra, payload))
-        self._codec.seq = (self._codec.seq + 1) % 256
+    def acknowledge(self, now_s: float, asked: Any, number: int, result: int) -> None:
+        """Queue COMMAND_ACK for whoever sent ``asked``."""
+
+        def answer(result: int) -> Any:
+            asker = asked.get_srcSystem(), asked.get_srcComponent()
+            return mavlink.MAVLink_command_ack_message(number, result, 0, 0, *asker)
+
+        if self.ack_delay_s > 0.0:
+            if self.ack_progress:
+                self.send(answer(mavlink.MAV_RESULT_IN_PROGRESS))
+            self._acks.append((now_s + self.ack_delay_s, answer(result)))
+        else:
+            self.send(answer(result))
 
     def pass_on(self, packet: bytes) -> None:
         """Queue somebody else's packet unchanged."""
-        self._out.append(packet)
+        self._out.append(Packet.of(packet))
 
-    def take_output(self) -> list[bytes]:
+    def take_output(self) -> list[Packet]:
         """Return the packets queued since the last call."""
         out, self._out = self._out, []
         return out
@@ -76,6 +128,8 @@ class Channel(ABC):
     def tick(self, autopilot: Autopilot) -> None:
         """Queue everything that is due."""
         now_s = autopilot.now_s
+        while self._acks and self._acks[0][0] <= now_s:
+            self.send(self._acks.pop(0)[1])
         for id_, due_s in self._due_s.items():
             if now_s < due_s - 1e-9:
                 continue
@@ -83,13 +137,15 @@ class Channel(ABC):
             # Absolute deadlines; what was missed is skipped, never sent in a burst.
             missed = math.floor((now_s - due_s + 1e-9) / interval_s)
             self._due_s[id_] = due_s + (missed + 1) * interval_s
-            self._send_stream(id_, autopilot)
+            if self.listened_to is None or id_ in self.listened_to:
+                self._send_stream(id_, autopilot)
         self._send_others(autopilot)
 
     def restart(self, boot_s: float) -> None:
         """Begin as after power-up: default rates, origin and home not sent yet."""
         self._interval_s.clear()
         self._due_s.clear()
+        self._acks.clear()
         for id_, rate_hz in self._default_hz.items():
             self._set_rate(id_, rate_hz, 0.0)
         self._origin_sent = self._home_sent = -1

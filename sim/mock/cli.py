@@ -5,88 +5,32 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 
+from companion import clock
 from companion.errors import CompanionError, UsageError
 from companion.world.frames import GeoPoint
 from sim.mock.ardupilot.personality import ARDUPILOT
-from sim.mock.fault_kinds import KINDS
 from sim.mock.faults import parse_fault
+from sim.mock.manual import DESCRIPTION, epilog
 from sim.mock.personality import Personality
 from sim.mock.placement import Place, place_vehicle
 from sim.mock.process import StopSignal, run
 from sim.mock.px4.personality import PX4
+from sim.mock.signing import load_key, stamp_at
 from sim.mock.sockets import Address, Link, open_link, parse_url
 from sim.mock.targets import parse_target
 from sim.mock.vehicle import MockVehicle, Settings
 
-DESCRIPTION = """\
-A MAVLink autopilot that is not there: it boots, arms, flies, refuses and fails as PX4 1.18 or
-ArduCopter 4.6.3 does, on UDP or TCP, without a simulator. Rates, answers, texts and delays are
-those measured on their simulators; what a real autopilot refuses is refused here.
-"""
-
-EPILOG = """\
-personalities  --autopilot
-  px4        streams by itself; wants a setpoint stream before OFFBOARD and before arming there;
-             a stream lost for 1 s is a failsafe
-  ardupilot  sends HEARTBEAT alone until asked (REQUEST_DATA_STREAM, SET_MESSAGE_INTERVAL);
-             GUIDED, arm, NAV_TAKEOFF, and no stream before the climb is over; a stream lost for
-             3 s brakes it, and nothing says so
-
-links
-  udpout:HOST:PORT  calls, as PX4 SITL does: the other side listens
-  udpin:HOST:PORT   listens, and answers everyone who calls (udp: means the same)
-  tcpin:HOST:PORT   waits for one client;  tcp:HOST:PORT calls one
-  px4: a link on port 14550 has the rates of its ground-station port, any other those of the
-  onboard port (about 430 messages a second), and STATUSTEXT goes only to links on which a
-  HEARTBEAT of type GCS was heard. ardupilot: all links are alike, and all get texts.
-  Heartbeats and messages for others are passed on.
-
-identity
-  system 1, component 1. Requests to other systems meet silence, those to other components
-  silence (px4) or an answer (ardupilot); unknown commands UNSUPPORTED.
-
-targets  --target kind=waypoints,sysid=42,...
-  kind=static|straight|circle|waypoints   message=gpi|follow (GLOBAL_POSITION_INT, FOLLOW_TARGET)
-  sysid=42  rate=5 (Hz)  speed=2 (m/s)  at=E:N:U  to=E:N:U (straight)  radius=10 (circle)
-  autopilot=none|px4 (px4: looks like a second vehicle). Positions are map metres; without a
-  map, metres east, north and up of the launch. Without at= a free place is drawn. Paths stay
-  2 m clear of obstacles.
-
-faults  --fault t=SECONDS,kind=KIND[,from=start|arm|offboard][,for=SECONDS][,key=value...]
-  offboard is when setpoints begin to fly it: in OFFBOARD, or in GUIDED after the take-off.
-{kinds}
-
-report  --report FILE, written at the end as JSON
-  contacts (time, place, speed), min_clearance_m, left_map, distance_flown_m, max_speed_mps,
-  setpoints_received, setpoints_outside_offboard, setpoints_refused, setpoints_by_sender,
-  setpoints_after_mode_shown (sent although a HEARTBEAT had shown that OFFBOARD or GUIDED is
-  over: 0 or 1 for a good companion), timeline of modes. A contact is also logged here and sent
-  as STATUSTEXT and NAMED_VALUE_INT "contacts".
-
-examples
-  The companion:      companion mock --connect udpout:127.0.0.1:14540 --map env1
-                      companion run --connect udpin:127.0.0.1:14540 --map env1 ...
-  MAVSDK:             companion mock --connect udpout:127.0.0.1:14540
-                      then connect MAVSDK to udpin://0.0.0.0:14540
-  MAVProxy:           companion mock --autopilot ardupilot --connect udpout:127.0.0.1:14550
-                      mavproxy.py --master=udpin:127.0.0.1:14550
-  QGroundControl:     companion mock --connect udpout:127.0.0.1:14550
-  Both at once:       --connect udpout:127.0.0.1:14540 --connect udpout:127.0.0.1:14550
-  A pilot who takes over 5 s after OFFBOARD, on a bad radio:
-                      --fault from=offboard,t=5,kind=rc_takeover --fault kind=loss,percent=10
-
-exit codes
-  0 ended by SIGINT, SIGTERM or with its parent; 2 usage; 3 link cannot open; 5 map refused
-"""
-
-
 PERSONALITIES = {personality.name: personality for personality in (PX4, ARDUPILOT)}
+FAILED = 1
+"""Exit code of a flight that the referee complains about."""
 _RANGES = {
+    "sysid": (1, 255),
     "speed": (0.01, 100.0),
     "boot_s": (0.1, 600.0),
     "shortfall": (0.0, 0.9),
@@ -127,15 +71,18 @@ def _fly(options: argparse.Namespace) -> int:
         for address, url in zip(addresses, options.connect, strict=True):
             links.append(open_link(address))
             rates = personality.rates_of(address.ground)
-            print(f"mock: {personality.name}, system 1, on {url} ({rates})", flush=True)
+            who = f"{personality.name}, system {options.sysid}"
+            print(f"mock: {who}, on {url} ({rates})", flush=True)
         run(vehicle, links, speed=options.speed, stop=stop)
     finally:
         for link in links:
             link.close()
+    report = {"autopilot": options.autopilot, "seed": options.seed, **vehicle.report()}
     if options.report is not None:
-        report = {"autopilot": options.autopilot, "seed": options.seed, **vehicle.report()}
         _write(options.report, json.dumps(report, indent=2) + "\n")
-    return 0
+    for complaint in report["complaints"]:
+        print(f"mock: FAILED: {complaint}", file=sys.stderr)
+    return 0 if report["passed"] else FAILED
 
 
 def _build(
@@ -151,8 +98,10 @@ def _build(
         for text, rng in zip(options.target, target_rngs, strict=True)
     ]
     sysids = [target.sysid for target in targets]
-    if len({1, *sysids}) != 1 + len(sysids):
-        raise UsageError("--target: system ids must differ from each other and from 1")
+    if len({options.sysid, *sysids}) != 1 + len(sysids):
+        raise UsageError(
+            f"--target: system ids must differ from each other and from {options.sysid}"
+        )
     return MockVehicle(
         Settings(
             place=place,
@@ -163,6 +112,9 @@ def _build(
             wind_ned_mps=(north, east, 0.0),
             gust_mps=options.gusts,
             noise_m=options.noise,
+            system_id=options.sysid,
+            signing_key=None if options.signing_key is None else load_key(options.signing_key),
+            signing_stamp=stamp_at(clock.utc_now()),
         ),
         ground_links=[address.ground for address in addresses],
         rng=vehicle_rng,
@@ -211,26 +163,18 @@ def _write(path: Path, text: str) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    kinds = "\n".join(
-        f"  {name:<17} {kind.meaning}" + (f"  [{', '.join(kind.keys)}]" if kind.keys else "")
-        for name, kind in KINDS.items()
-    )
     parser = _Parser(
         prog="companion mock",
         description=DESCRIPTION,
-        epilog=EPILOG.format(kinds=kinds),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog=epilog(),
+        formatter_class=partial(argparse.RawDescriptionHelpFormatter, width=80),
         allow_abbrev=False,
     )
     add = parser.add_argument
-    add("--autopilot", default="px4", metavar="NAME", help="personality: px4 or ardupilot (px4)")
-    add(
-        "--connect",
-        action="append",
-        required=True,
-        metavar="URL",
-        help="a link; may be given several times",
-    )
+    add("--autopilot", default="px4", metavar="NAME", help="px4 or ardupilot (px4)")
+    add("--connect", action="append", required=True, metavar="URL", help="a link; see PORTS")
+    add("--sysid", type=int, default=1, metavar="N", help="system id (1)")
+    add("--signing-key", type=Path, metavar="FILE", help="sign, and refuse who does not")
     add("--map", metavar="FILE|NAME", help="map whose obstacles the referee watches")
     add(
         "--home",
@@ -238,8 +182,8 @@ def _parser() -> argparse.ArgumentParser:
         help="where it boots, degrees and metres AMSL (that of its simulator; on a map with a "
         "place on earth, that of PX4's on the ground)",
     )
-    add("--target", action="append", default=[], metavar="SPEC", help="another system; see below")
-    add("--fault", action="append", default=[], metavar="SPEC", help="what goes wrong; see below")
+    add("--target", action="append", default=[], metavar="SPEC", help="another system; see TARGETS")
+    add("--fault", action="append", default=[], metavar="SPEC", help="what goes wrong; see FAULTS")
     add("--radio", action="store_true", help="a pilot with a transmitter, sticks centred")
     add("--boot-s", type=float, default=1.5, metavar="S",
         help="from start to ready to arm (1.5; PX4 SITL takes 4.6, ArduPilot 41.6)")  # fmt: skip
@@ -249,7 +193,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--gusts", type=float, default=0.0, metavar="MPS", help="deviation of gusts (0)")
     add("--noise", type=float, default=0.0, metavar="M", help="deviation of position noise (0)")
     add("--speed", type=float, default=1.0, metavar="X", help="simulated seconds per second (1)")
-    add("--seed", type=int, default=0, help="seed of everything random (0)")
+    add("--seed", type=int, default=0, metavar="N", help="seed of everything random (0)")
     add("--report", type=Path, metavar="FILE", help="write the referee's verdict here at the end")
     add("--exit-with-parent", action="store_true", help="end when the starting process dies")
     return parser

@@ -6,11 +6,12 @@ is LOCAL_POSITION_NED: global seen from the estimator's origin, which may move.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import replace
 
 from companion.world.frames import GeoPoint
 from sim.mock.dynamics import ZERO, Vector
 from sim.mock.geodesy import Projection
+
+_POINTS_KEPT = 4
 
 
 def add(a: Vector, b: Vector) -> Vector:
@@ -41,6 +42,7 @@ class Estimator(ABC):
         self.extra_resets = 0
         self.glitching = False
         self.gps_lost_at_s: float | None = None
+        self._points: dict[Vector, GeoPoint] = {}
 
     @abstractmethod
     def attitude_known(self, now_s: float) -> bool:
@@ -100,11 +102,12 @@ class Estimator(ABC):
         return subtract((north, east, down), self.error_m)
 
     def _at(self, global_m: Vector) -> GeoPoint:
-        latitude, longitude = self._truth.to_geodetic(global_m[0], global_m[1])
-        reference = self._truth.reference
-        return replace(
-            reference,
-            latitude_deg=latitude,
-            longitude_deg=longitude,
-            altitude_m=reference.altitude_m - global_m[2],
-        )
+        point = self._points.get(global_m)  # many messages of one moment say the same place
+        if point is None:
+            latitude, longitude = self._truth.to_geodetic(global_m[0], global_m[1])
+            altitude_m = self._truth.reference.altitude_m - global_m[2]
+            point = GeoPoint(latitude, longitude, altitude_m)
+            if len(self._points) >= _POINTS_KEPT:
+                del self._points[next(iter(self._points))]
+            self._points[global_m] = point
+        return point

@@ -155,7 +155,9 @@ def _second_companion(spec: Spec) -> Act:
     speed_mps = spec.number("speed", 1.0)
 
     def act(vehicle: "MockVehicle") -> Undo:
-        vehicle.intruder = Intruder(component, speed_mps, vehicle.time_s)
+        vehicle.intruder = Intruder(
+            vehicle.settings.system_id, component, speed_mps, vehicle.time_s
+        )
         return lambda: setattr(vehicle, "intruder", None)
 
     return act
@@ -204,6 +206,25 @@ def _ack_lost(spec: Spec) -> Act:
     return act
 
 
+def _slow_acks(*, progress: bool) -> Plan:
+    """Return the plan of a fault that delays the answers to commands."""
+
+    def plan(spec: Spec) -> Act:
+        delay_s = spec.number("ms", 1500.0, low=0.0) / 1e3
+
+        def act(vehicle: "MockVehicle") -> Undo:
+            def put(delay_s: float, *, progress: bool) -> None:
+                for channel in vehicle.channels:
+                    channel.ack_delay_s, channel.ack_progress = delay_s, progress
+
+            put(delay_s, progress=progress)
+            return lambda: put(0.0, progress=False)
+
+        return act
+
+    return plan
+
+
 def _target_fault(
     change: Callable[["Target", float], None], undo: Callable[["Target"], None]
 ) -> Plan:
@@ -233,6 +254,15 @@ def _target_jump(spec: Spec) -> Act:
     plan = _target_fault(
         lambda target, now_s: setattr(target, "jump_enu_m", step),
         lambda target: setattr(target, "jump_enu_m", ZERO),
+    )
+    return plan(spec)
+
+
+def _target_clash(spec: Spec) -> Act:
+    step = (spec.number("east", 40.0), spec.number("north", 0.0), spec.number("up", 0.0))
+    plan = _target_fault(
+        lambda target, now_s: setattr(target, "double_enu_m", step),
+        lambda target: setattr(target, "double_enu_m", None),
     )
     return plan(spec)
 
@@ -269,7 +299,16 @@ KINDS: dict[str, Kind] = {
     "corrupt": Kind(_percent("corrupt"), _SHARE, "5 percent arrive with a wrong byte"),
     "delay": Kind(_link_fault(_delay), ("ms", "jitter_ms", "link"), "200 ms late; jitter reorders"),
     "ack_lost": Kind(_ack_lost, ("count",), "the next 1 COMMAND_ACK is lost"),
+    "ack_late": Kind(_slow_acks(progress=False), ("ms",), "COMMAND_ACK comes 1500 ms late"),
+    "in_progress": Kind(
+        _slow_acks(progress=True), ("ms",), "IN_PROGRESS first, the answer 1500 ms later"
+    ),
     "target_stale": Kind(_target_stale, ("sysid",), "targets fall silent"),
     "target_freeze": Kind(_target_freeze, ("sysid",), "targets repeat one report for ever"),
     "target_jump": Kind(_target_jump, ("sysid", "east", "north", "up"), "targets jump 40 m east"),
+    "target_clash": Kind(
+        _target_clash,
+        ("sysid", "east", "north", "up"),
+        "another system with the same id, 40 m east",
+    ),
 }

@@ -11,10 +11,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.mock.autopilot import Autopilot
 from sim.mock.channel import Channel
-from sim.mock.commands import Result
-from sim.mock.wire import MAVLINK2
+from sim.mock.packet import MAVLINK2, RawMessage
 
 FTP_NAK, FTP_FAIL = 129, 1
+_PARAM_VALUE = (mavlink.MAVLINK_MSG_ID_PARAM_VALUE, "PARAM_VALUE", 220)
+"""Its id, name and checksum seed; the payload is our own, for bit patterns no float survives."""
 
 Handler = Callable[[Any, Any, Any], None]
 """Takes an autopilot, the link (its own kinds of both) and the message."""
@@ -27,15 +28,6 @@ def handle(
     handler = handlers.get(message.get_type())
     if handler is not None:
         handler(autopilot, channel, message)
-
-
-def acknowledge(channel: Channel, message: Any, number: int, result: Result) -> None:
-    """Send COMMAND_ACK to whoever sent ``message``."""
-    channel.send(
-        mavlink.MAVLink_command_ack_message(
-            number, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
-        )
-    )
 
 
 def _timesync(autopilot: Autopilot, channel: Channel, message: Any) -> None:
@@ -53,9 +45,8 @@ def _send_parameter(autopilot: Autopilot, channel: Channel, name: str, index: in
     table = autopilot.parameters
     count, wire_type = len(table), table.wire_type(name)
     text = name.encode().ljust(16, b"\0")
-    message = mavlink.MAVLink_param_value_message(text, 0.0, wire_type, count, index)
     tail = struct.pack("<HH16sB", count, index, text, wire_type)
-    channel.send_raw_payload(message, table.wire_bytes(name) + tail)
+    channel.send(RawMessage(*_PARAM_VALUE, table.wire_bytes(name) + tail))
 
 
 def _param_read(autopilot: Autopilot, channel: Channel, message: Any) -> None:
@@ -105,7 +96,14 @@ def _ftp(autopilot: Autopilot, channel: Channel, message: Any) -> None:
     )
 
 
+def _setup_signing(autopilot: Autopilot, channel: Channel, message: Any) -> None:
+    """SETUP_SIGNING: a key for all links, on the ground only; zeros end signing."""
+    if not autopilot.armed:
+        channel.keyring.set_up(bytes(message.secret_key), message.initial_timestamp)
+
+
 SHARED_HANDLERS: dict[str, Handler] = {
+    "SETUP_SIGNING": _setup_signing,
     "TIMESYNC": _timesync,
     "PING": _ping,
     "PARAM_REQUEST_READ": _param_read,

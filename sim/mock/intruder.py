@@ -4,7 +4,6 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.mock.channel import SYSTEM_ID
 from sim.mock.setpoints import MAV_FRAME_LOCAL_NED
 
 VELOCITY_ONLY = 0xDC7
@@ -12,16 +11,18 @@ PERIOD_S = 0.1
 
 
 class Intruder:
-    """A companion 1/``component`` that flies north at 10 Hz and has a heartbeat.
+    """A companion of the vehicle's own system that flies north at 10 Hz and has a heartbeat.
 
     Args:
+        system: Its system id and that of the vehicle.
         component: Its component id.
         speed_mps: What it asks for.
         start_s: When it begins.
     """
 
-    def __init__(self, component: int, speed_mps: float, start_s: float) -> None:
-        self._codec: Any = mavlink.MAVLink(None, srcSystem=SYSTEM_ID, srcComponent=component)
+    def __init__(self, system: int, component: int, speed_mps: float, start_s: float) -> None:
+        self._codec: Any = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._system = system
         self._speed_mps = speed_mps
         self._start_s = self._due_s = self._heartbeat_due_s = start_s
 
@@ -40,7 +41,7 @@ class Intruder:
             packets.append(
                 self._pack(
                     mavlink.MAVLink_set_position_target_local_ned_message(
-                        clock_ms, SYSTEM_ID, 1, MAV_FRAME_LOCAL_NED, VELOCITY_ONLY,
+                        clock_ms, self._system, 1, MAV_FRAME_LOCAL_NED, VELOCITY_ONLY,
                         0.0, 0.0, 0.0, self._speed_mps, *(0.0,) * 7,
                     )
                 )

@@ -6,7 +6,7 @@ from typing import Any
 
 from companion.world.frames import GeoPoint
 from sim.mock.autopilot import Autopilot, PowerUp
-from sim.mock.channel import Channel
+from sim.mock.channel import Channel, Port
 from sim.mock.dynamics import Response
 from sim.mock.geodesy import Projection
 from sim.mock.incoming import Handler
@@ -21,14 +21,15 @@ class Personality:
     kind: type[Autopilot]
     build: Callable[[PowerUp], Autopilot]
     """Switches one on."""
-    open_channel: Callable[[bool], Channel]
-    """Opens a link; the argument says whether it has ground-station rates."""
+    open_channel: Callable[[Port], Channel]
+    """Opens a link."""
     rates_of: Callable[[bool], str]
-    """What a link sends unasked, in words; the argument is the same."""
+    """What a link sends unasked, in words; told whether it has ground-station rates."""
     handlers: Mapping[str, Handler]
     """What it does with messages, by their names."""
-    is_for_us: Callable[[Any, Collection[tuple[int, int]]], bool]
-    """Whether a message is for this autopilot, given who was heard on other links."""
+    is_for_us: Callable[[Any, int, Collection[tuple[int, int]]], bool]
+    """Whether a message is for the autopilot with this system id, given who was heard on other
+    links."""
     projection: Callable[[GeoPoint], Projection]
     home: GeoPoint
     """Where its simulator boots."""

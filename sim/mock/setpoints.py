@@ -1,7 +1,7 @@
 """A setpoint, as the fields of SET_POSITION_TARGET_LOCAL_NED say it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from sim.mock.dynamics import Vector
 
@@ -24,6 +24,20 @@ class Setpoint:
     acceleration_mps2: Vector = NOTHING
     yaw_rad: float = math.nan
     yaw_rate_radps: float = math.nan
+    complete: bool = field(init=False)
+    """Whether every axis is controlled by something; else PX4 stays where it is."""
+    only_velocity: bool = field(init=False)
+    """Whether all of the velocity is controlled, and nothing of position and acceleration."""
+
+    def __post_init__(self) -> None:
+        """Note once what is asked at every step."""
+        p, v, a = (
+            tuple(map(math.isfinite, vector))
+            for vector in (self.position_m, self.velocity_mps, self.acceleration_mps2)
+        )
+        complete = all(map(any, zip(p, v, a, strict=True)))
+        object.__setattr__(self, "complete", complete)
+        object.__setattr__(self, "only_velocity", all(v) and not any(p) and not any(a))
 
     @property
     def counts_as_stream(self) -> bool:
@@ -31,16 +45,6 @@ class Setpoint:
         return any(
             math.isfinite(value)
             for value in (*self.position_m, *self.velocity_mps, *self.acceleration_mps2)
-        )
-
-    @property
-    def complete(self) -> bool:
-        """Whether every axis is controlled by something; else PX4 stays where it is."""
-        return all(
-            math.isfinite(p) or math.isfinite(v) or math.isfinite(a)
-            for p, v, a in zip(
-                self.position_m, self.velocity_mps, self.acceleration_mps2, strict=True
-            )
         )
 
     @property

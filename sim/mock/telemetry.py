@@ -4,6 +4,7 @@ A builder returns ``None`` while there is nothing to say.
 """
 
 import math
+from functools import partial
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -51,7 +52,8 @@ def attitude(autopilot: Autopilot) -> Any:
     if not autopilot.estimator.attitude_known(autopilot.now_s):
         return None
     body = autopilot.body
-    return mavlink.MAVLink_attitude_message(
+    return partial(
+        mavlink.MAVLink_attitude_message,
         boot_ms(autopilot),
         body.roll_rad,
         body.pitch_rad,
@@ -66,8 +68,11 @@ def local_position(autopilot: Autopilot) -> Any:
     """LOCAL_POSITION_NED."""
     if not autopilot.estimator.local_known(autopilot.now_s):
         return None
-    return mavlink.MAVLink_local_position_ned_message(
-        boot_ms(autopilot), *autopilot.local_position_m(), *autopilot.body.velocity_mps
+    return partial(
+        mavlink.MAVLink_local_position_ned_message,
+        boot_ms(autopilot),
+        *autopilot.local_position_m(),
+        *autopilot.body.velocity_mps,
     )
 
 
@@ -78,7 +83,8 @@ def global_position(autopilot: Autopilot) -> Any:
     point = autopilot.estimator.geodetic(autopilot.noisy_true_m())
     home = autopilot.estimator.geodetic(autopilot.home_true_m)
     vn, ve, vd = autopilot.body.velocity_mps
-    return mavlink.MAVLink_global_position_int_message(
+    return partial(
+        mavlink.MAVLink_global_position_int_message,
         boot_ms(autopilot),
         *geodetic_e7(point),
         round((point.altitude_m - home.altitude_m) * 1e3),
@@ -119,7 +125,7 @@ def system_time(autopilot: Autopilot) -> Any:
 
 def timesync(autopilot: Autopilot) -> Any:
     """TIMESYNC as a question; ``incoming`` answers those of others."""
-    return mavlink.MAVLink_timesync_message(0, round(autopilot.now_s * 1e9))
+    return partial(mavlink.MAVLink_timesync_message, 0, round(autopilot.now_s * 1e9))
 
 
 def vfr_hud(autopilot: Autopilot, airspeed_mps: float, throttle_percent: int) -> Any:
@@ -127,8 +133,14 @@ def vfr_hud(autopilot: Autopilot, airspeed_mps: float, throttle_percent: int) ->
     vn, ve, vd = autopilot.body.velocity_mps
     point = autopilot.estimator.geodetic(autopilot.body.position_m)
     heading = round(math.degrees(autopilot.body.yaw_rad)) % 360
-    return mavlink.MAVLink_vfr_hud_message(
-        airspeed_mps, math.hypot(vn, ve), heading, throttle_percent, point.altitude_m, -vd
+    return partial(
+        mavlink.MAVLink_vfr_hud_message,
+        airspeed_mps,
+        math.hypot(vn, ve),
+        heading,
+        throttle_percent,
+        point.altitude_m,
+        -vd,
     )
 
 

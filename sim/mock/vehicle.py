@@ -4,30 +4,32 @@ No socket and no clock: the shell (or a test) calls ``receive`` with bytes, ``ad
 time, and sends what ``take_output`` returns.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.mock.autopilot import CRITICAL, Autopilot, PowerUp
-from sim.mock.channel import COMPONENT_ID, SYSTEM_ID
+from sim.mock.autopilot import COMPONENT_ID, CRITICAL, Autopilot, PowerUp
+from sim.mock.channel import Channel, Port
+from sim.mock.conduct import SETPOINTS, Conduct
 from sim.mock.dynamics import ZERO, PointMass, Response, Vector, Wind
 from sim.mock.faults import Fault, Schedule
 from sim.mock.incoming import handle
 from sim.mock.intruder import Intruder
+from sim.mock.packet import Packet
 from sim.mock.personality import Personality
 from sim.mock.placement import Place
 from sim.mock.px4.personality import PX4
 from sim.mock.referee import PERIOD_S, Contact, Referee
+from sim.mock.signing import Keyring
 from sim.mock.targets import Target
 from sim.mock.wire import Impairment, Wire
 
 TICK_S = 0.01
 """Step of physics and streams; the fastest stream has 100 Hz."""
 _REFEREE_TICKS = round(PERIOD_S / TICK_S)
-SETPOINTS = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +45,11 @@ class Settings:
     wind_ned_mps: Vector = ZERO
     gust_mps: float = 0.0
     noise_m: float = 0.0
+    system_id: int = 1
+    signing_key: bytes | None = None
+    """32 bytes that everybody on the links signs with; ``None`` where nobody does."""
+    signing_stamp: int = 0
+    """The stamp at power-up, see ``signing.stamp_at``."""
 
 
 class MockVehicle:
@@ -68,11 +75,16 @@ class MockVehicle:
         self.settings = settings
         self.targets = list(targets)
         self.referee = Referee(settings.place)
+        self.conduct = Conduct()
         self.impairments = [Impairment() for _ in ground_links]
         self.intruder: Intruder | None = None
         self.time_s = 0.0
         self._personality = settings.personality
-        self._channels = [self._personality.open_channel(ground) for ground in ground_links]
+        self._keyring = Keyring(settings.signing_key, settings.signing_stamp)
+        self._channels = [
+            self._personality.open_channel(Port(ground, settings.system_id, self._keyring))
+            for ground in ground_links
+        ]
         self._heard: list[set[tuple[int, int]]] = [set() for _ in ground_links]
         self._inbound = [Wire(impairment, rng) for impairment in self.impairments]
         self._outbound = [Wire(impairment, rng) for impairment in self.impairments]
@@ -84,11 +96,20 @@ class MockVehicle:
         self._log: list[str] = []
         self.autopilot = self._power_up(PointMass(settings.response or self._personality.response))
 
+    @property
+    def channels(self) -> Sequence[Channel]:
+        """The links, in the order they were given."""
+        return self._channels
+
+    def stream_only(self, message_ids: Collection[int]) -> None:
+        """Build these streams alone, because nobody reads the others; answers are sent as ever."""
+        listened_to = frozenset({*message_ids, mavlink.MAVLINK_MSG_ID_HEARTBEAT})
+        for channel in self._channels:
+            channel.listened_to = listened_to
+
     def receive(self, link: int, data: bytes) -> None:
         """Take in bytes that arrived on a link."""
-        wire = self._inbound[link]
-        wire.put(self.time_s, data)
-        self._deliver(link)
+        self._deliver(link, [Packet.of(data)])
 
     def advance(self, time_s: float) -> None:
         """Run until ``time_s``, tick by tick."""
@@ -102,12 +123,15 @@ class MockVehicle:
         return (self._ticks + 1) * TICK_S
 
     def take_output(self) -> list[tuple[int, bytes]]:
-        """Return (link, packet) for everything to be sent, in order."""
+        """Return (link, bytes) for everything to be sent, in order."""
+        return [(link, packet.data) for link, packet in self.take_packets()]
+
+    def take_packets(self) -> list[tuple[int, Packet]]:
+        """Return (link, packet) for everything to be sent, not yet put into bytes."""
         output = []
         for link, (channel, wire) in enumerate(zip(self._channels, self._outbound, strict=True)):
-            for packet in channel.take_output():
-                wire.put(self.time_s, packet)
-            output += [(link, packet) for packet in wire.take(self.time_s)]
+            packets = wire.carry(self.time_s, channel.take_output())
+            output += [(link, packet) for packet in packets]
         return output
 
     def log(self, line: str) -> None:
@@ -121,7 +145,18 @@ class MockVehicle:
 
     def report(self) -> dict[str, Any]:
         """Return the referee's verdict."""
-        return self.referee.report(self.time_s, self.autopilot)
+        report = self.referee.report(self.time_s, self.autopilot)
+        contacts = len(report["contacts"])
+        said = [f"{contacts} contacts with obstacles"] if contacts else []
+        return {
+            "passed": not said + self.conduct.lines(),
+            "complaints": said + self.conduct.lines(),
+            "complaints_by_sender": {
+                sender: dict(kinds) for sender, kinds in self.conduct.complaints.items()
+            },
+            **report,
+            "packets_refused": dict(self._keyring.refused),
+        }
 
     def reboot(self) -> None:
         """Restart the autopilot: its clock begins at zero, nothing is armed."""
@@ -129,13 +164,16 @@ class MockVehicle:
         self.autopilot = self._power_up(self.autopilot.body)
 
     def _tick(self) -> None:
+        self._keyring.advance(TICK_S)
         self._schedule.tick(self.time_s, self)
         for link in range(len(self._inbound)):
-            self._deliver(link)
+            self._deliver(link, [])
         if self.intruder is not None:
             self._broadcast(self.intruder.tick(self.time_s), heard_by_us=True)
         self.autopilot.step(self.time_s - self._power_up_s)
         if self._ticks % _REFEREE_TICKS == 0:
+            shown = [channel.shown_mode for channel in self._channels]
+            self.conduct.watch(self.time_s, self.autopilot, shown)
             contact = self.referee.observe(self.time_s, self.autopilot)
             if contact is not None:
                 self._tell_contact(contact)
@@ -159,33 +197,41 @@ class MockVehicle:
                 wind=Wind(self._rng, settings.wind_ned_mps, settings.gust_mps),
                 noise_m=settings.noise_m,
                 rng=self._rng,
+                system_id=settings.system_id,
             )
         )
 
-    def _deliver(self, link: int) -> None:
+    def _deliver(self, link: int, packets: list[Packet]) -> None:
         channel = self._channels[link]
-        for data in self._inbound[link].take(self.time_s):
-            for message in channel.decode(data):
+        for packet in self._inbound[link].carry(self.time_s, packets):
+            for message in channel.decode(packet.data):
                 self._heard[link].add((message.get_srcSystem(), message.get_srcComponent()))
-                self._hear(message, link)
+                self._hear(message, link, judged=True)
                 self._route(link, message)
 
-    def _hear(self, message: Any, link: int) -> None:
+    def _hear(self, message: Any, link: int, *, judged: bool) -> None:
         others = (heard for number, heard in enumerate(self._heard) if number != link)
-        if not self._personality.is_for_us(message, set().union(*others)):
+        if not self._personality.is_for_us(message, self.settings.system_id, set().union(*others)):
             return
         channel = self._channels[link]
         if message.get_type() in SETPOINTS:
             sender = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
             self.referee.count_setpoint(sender, self.autopilot.mode, channel.shown_mode)
+        refused = self.autopilot.setpoints_refused
+        if judged:
+            self.conduct.hear(self.time_s, message, self.autopilot)
         handle(self._personality.handlers, self.autopilot, channel, message)
+        if judged and self.autopilot.setpoints_refused > refused:
+            self.conduct.refused(message)
+        for line in self.conduct.take_news():
+            self.log(f"complaint: {line}")
         for each in self._channels:
             each.show_changes(self.autopilot)
 
     def _route(self, link: int, message: Any) -> None:
         """Pass on what is not for this autopilot alone: other parties' heartbeats above all."""
         target = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
-        if target == (SYSTEM_ID, COMPONENT_ID):
+        if target == (self.settings.system_id, COMPONENT_ID):
             return
         packet = bytes(message.get_msgbuf())
         for number, channel in enumerate(self._channels):
@@ -195,10 +241,11 @@ class MockVehicle:
     def _broadcast(self, packets: Sequence[bytes], *, heard_by_us: bool) -> None:
         """Put packets of others on all links, as on a shared radio."""
         for packet in packets:
+            signed = self._keyring.sign(packet)
             for channel in self._channels:
-                channel.pass_on(packet)
+                channel.pass_on(signed)
             if heard_by_us:
-                self._hear(self._listener.decode(bytearray(packet)), 0)
+                self._hear(self._listener.decode(bytearray(packet)), 0, judged=False)
 
     def _tell_contact(self, contact: Contact) -> None:
         east, north, up = contact.position_enu_m

@@ -5,13 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sim.mock.packet import Packet
+
 COMMAND_ACK_ID = 77
-MAVLINK2 = 0xFD
-
-
-def message_id(packet: bytes) -> int:
-    """Return the message id of one complete MAVLink packet."""
-    return int.from_bytes(packet[7:10], "little") if packet[0] == MAVLINK2 else packet[5]
 
 
 @dataclass(slots=True)
@@ -44,35 +40,36 @@ class Wire:
 
     impairment: Impairment
     rng: np.random.Generator
-    _under_way: list[tuple[float, int, bytes]] = field(default_factory=list)
+    _under_way: list[tuple[float, int, Packet]] = field(default_factory=list)
     _count: int = 0
 
-    def put(self, now_s: float, packet: bytes) -> None:
-        """Hand over a packet."""
+    def carry(self, now_s: float, packets: list[Packet]) -> list[Packet]:
+        """Hand over packets and return what arrives now, of these and of earlier ones."""
+        if not self._under_way and self.impairment.clean:
+            return packets
+        for packet in packets:
+            self._put(now_s, packet)
+        arrived = []
+        while self._under_way and self._under_way[0][0] <= now_s + 1e-9:
+            arrived.append(heapq.heappop(self._under_way)[2])
+        return arrived
+
+    def _put(self, now_s: float, packet: Packet) -> None:
         state = self.impairment
-        if state.clean:
-            self._schedule(now_s, packet)
-            return
-        if state.acks_to_lose > 0 and message_id(packet) == COMMAND_ACK_ID:
+        if state.acks_to_lose > 0 and packet.message_id == COMMAND_ACK_ID:
             state.acks_to_lose -= 1
             return
         lost, doubled, spoilt, extra = (float(value) for value in self.rng.random(4))
         if state.cut > 0.0 or lost < state.loss:
             return
         if spoilt < state.corrupt:
-            place = int(self.rng.integers(1, len(packet)))
-            packet = packet[:place] + bytes([packet[place] ^ 0x55]) + packet[place + 1 :]
+            data = packet.data
+            place = int(self.rng.integers(1, len(data)))
+            packet = Packet.of(data[:place] + bytes([data[place] ^ 0x55]) + data[place + 1 :])
         arrival_s = now_s + state.delay_s + extra * state.jitter_s
         for _ in range(2 if doubled < state.duplicate else 1):
             self._schedule(arrival_s, packet)
 
-    def take(self, now_s: float) -> list[bytes]:
-        """Return what has arrived."""
-        arrived = []
-        while self._under_way and self._under_way[0][0] <= now_s + 1e-9:
-            arrived.append(heapq.heappop(self._under_way)[2])
-        return arrived
-
-    def _schedule(self, arrival_s: float, packet: bytes) -> None:
+    def _schedule(self, arrival_s: float, packet: Packet) -> None:
         self._count += 1
         heapq.heappush(self._under_way, (arrival_s, self._count, packet))

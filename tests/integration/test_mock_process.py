@@ -87,6 +87,8 @@ def command(link, number, *params):
         (["--connect", "udpin:127.0.0.1:14999", "--target", "kind=ufo"], 2, "waypoints"),
         (["--connect", "udpin:127.0.0.1:14999", "--home", "1,2"], 2, "--home 1,2"),
         (["--connect", "udpin:127.0.0.1:14999", "--speed", "0"], 2, "--speed"),
+        (["--connect", "udpin:127.0.0.1:14999", "--sysid", "0"], 2, "--sysid"),
+        (["--connect", "udpin:127.0.0.1:14999", "--signing-key", "/no"], 2, "--signing-key /no"),
         (["--connect", "udpin:127.0.0.1:14999", "--map", "/no/such.yaml"], 5, "/no/such.yaml"),
         (["--connect", "udpin:192.0.2.1:14999"], 3, "udpin:192.0.2.1:14999"),
     ],
@@ -114,10 +116,12 @@ def test_help_reads_like_a_manual():
         "QGroundControl",
         "second_companion",
         "waypoints",
-        "exit codes",
+        "MAVProxy",
+        "--signing-key",
+        "EXIT CODES",
     ):
         assert word in text
-    assert max(map(len, text.splitlines())) <= 100
+    assert max(map(len, text.splitlines())) <= 80
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

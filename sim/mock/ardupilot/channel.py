@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim.mock import telemetry
 from sim.mock.ardupilot.streams import BUILDERS, members
 from sim.mock.autopilot import Autopilot
-from sim.mock.channel import TEXT_CHUNK, Channel
+from sim.mock.channel import TEXT_CHUNK, Channel, Port
 
 HEARTBEAT_HZ = 1.0
 FIRST_HEARTBEAT_S = 1.04
@@ -17,9 +17,9 @@ TIMESYNC_S = 10.0
 class CopterChannel(Channel):
     """A link between ArduCopter and whoever is at the other end; all ports are alike."""
 
-    def __init__(self) -> None:
+    def __init__(self, port: Port) -> None:
         self._rates: dict[int, float] = {}
-        super().__init__(BUILDERS, self._rates)
+        super().__init__(BUILDERS, self._rates, port)
         self._timesync_due_s = TIMESYNC_S
 
     def hear_gcs(self, now_s: float) -> None:

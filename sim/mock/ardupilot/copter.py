@@ -47,10 +47,12 @@ class ArduCopter(Autopilot):
     modes = MappingProxyType({mode.name.lower(): mode for mode in Mode})
     takeover_mode = "loiter"
     hold_mode = "brake"
+    external_mode_number = Mode.GUIDED.value
 
     def __init__(self, start: PowerUp) -> None:
         estimator = CopterEstimator(FlatProjection(start.place), start.boot_s)
         super().__init__(start, CopterParameters(), estimator)
+        self.parameters.override("SYSID_THISMAV", start.system_id)
         self.failsafes = Failsafes(self.parameters, self.say)
         self.flight = Flight(self.body, self.estimator, self.parameters)
         self.ground = Ground()

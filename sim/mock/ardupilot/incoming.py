@@ -10,15 +10,16 @@ from sim.mock.ardupilot.channel import CopterChannel
 from sim.mock.ardupilot.commands import AMSL_FRAMES, RELATIVE_FRAMES, run_command, set_mode
 from sim.mock.ardupilot.copter import ArduCopter
 from sim.mock.ardupilot.setpoints import read_setpoint
-from sim.mock.channel import COMPONENT_ID, SYSTEM_ID, Channel
+from sim.mock.autopilot import COMPONENT_ID
+from sim.mock.channel import Channel
 from sim.mock.commands import CommandId, Result, read_command, whole
 from sim.mock.dynamics import Vector
-from sim.mock.incoming import SHARED_HANDLERS, Handler, acknowledge
+from sim.mock.incoming import SHARED_HANDLERS, Handler
 from sim.mock.pilot import Sticks
 from sim.mock.setpoints import MAV_FRAME_LOCAL_NED
 
 
-def is_for_us(message: Any, elsewhere: Collection[tuple[int, int]]) -> bool:
+def is_for_us(message: Any, system_id: int, elsewhere: Collection[tuple[int, int]]) -> bool:
     """Return whether ArduPilot takes a message for its own.
 
     It also answers for components that nobody has heard of: one that lives on another link gets
@@ -26,7 +27,7 @@ def is_for_us(message: Any, elsewhere: Collection[tuple[int, int]]) -> bool:
     """
     system = getattr(message, "target_system", 0)
     component = getattr(message, "target_component", 0)
-    if system not in (0, SYSTEM_ID):
+    if system not in (0, system_id):
         return False
     return component in (0, COMPONENT_ID) or (system, component) not in elsewhere
 
@@ -41,22 +42,28 @@ def _command(copter: ArduCopter, channel: Channel, message: Any) -> None:
     number, first = command.command, whole(command.params[0])
     if number == CommandId.SET_MESSAGE_INTERVAL:
         known = channel.set_interval(first, command.params[1], copter.now_s)
-        acknowledge(channel, message, number, Result.ACCEPTED if known else Result.DENIED)
+        channel.acknowledge(
+            copter.now_s, message, number, Result.ACCEPTED if known else Result.DENIED
+        )
     elif number == CommandId.REQUEST_MESSAGE:
         known = first in channel.builders
-        acknowledge(channel, message, number, Result.ACCEPTED if known else Result.FAILED)
+        channel.acknowledge(
+            copter.now_s, message, number, Result.ACCEPTED if known else Result.FAILED
+        )
         if known:
             _send_once(copter, channel, first)  # after the ACK
     elif number == CommandId.REQUEST_AUTOPILOT_CAPABILITIES:
-        acknowledge(channel, message, number, Result.ACCEPTED)
+        channel.acknowledge(copter.now_s, message, number, Result.ACCEPTED)
         _send_once(copter, channel, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
     elif number == CommandId.GET_HOME_POSITION:
         known = copter.home_true_m is not None
-        acknowledge(channel, message, number, Result.ACCEPTED if known else Result.FAILED)
+        channel.acknowledge(
+            copter.now_s, message, number, Result.ACCEPTED if known else Result.FAILED
+        )
         _send_once(copter, channel, mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
         _send_once(copter, channel, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
     else:
-        acknowledge(channel, message, number, run_command(copter, command))
+        channel.acknowledge(copter.now_s, message, number, run_command(copter, command))
 
 
 def _send_once(copter: ArduCopter, channel: Channel, message_id: int) -> None:
@@ -110,7 +117,7 @@ def _take(copter: ArduCopter, message: Any, position_m: Vector, frame: int) -> N
 
 def _manual_control(copter: ArduCopter, channel: Channel, message: Any) -> None:
     """MANUAL_CONTROL: sticks, from SYSID_MYGCS only."""
-    if message.target != SYSTEM_ID:
+    if message.target != copter.system_id:
         return
     if message.get_srcSystem() != int(copter.parameters.number("SYSID_MYGCS")):
         return

@@ -7,7 +7,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.mock.autopilot import Autopilot
-from sim.mock.channel import Channel
+from sim.mock.channel import Channel, Port
 from sim.mock.px4.streams import STREAMS
 
 GCS_TIMEOUT_S = 5.0
@@ -19,13 +19,13 @@ class Px4Channel(Channel):
     """A link between PX4 and whoever is at the other end.
 
     Args:
-        ground: Whether it has the rates of the ground-station port instead of the onboard one.
+        port: Whose link it is, and whether it has ground-station rates.
     """
 
-    def __init__(self, *, ground: bool) -> None:
+    def __init__(self, port: Port) -> None:
         builders = {id_: stream.build for id_, stream in STREAMS.items()}
-        rates = {id_: s.ground_hz if ground else s.onboard_hz for id_, s in STREAMS.items()}
-        super().__init__(builders, rates)
+        rates = {id_: s.ground_hz if port.ground else s.onboard_hz for id_, s in STREAMS.items()}
+        super().__init__(builders, rates, port)
         self._gcs_heard_s = -math.inf
         self._next_text_s = 0.0
         self._ping_due_s = 0.0

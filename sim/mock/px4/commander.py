@@ -45,10 +45,12 @@ class Px4(Autopilot):
     modes = MappingProxyType({mode.name.lower(): mode for mode in Mode})
     takeover_mode = "posctl"
     hold_mode = "loiter"
+    external_mode_number = Mode.OFFBOARD.main
 
     def __init__(self, start: PowerUp) -> None:
         projection = SphericalProjection(start.place)
         super().__init__(start, Px4Parameters(), Px4Estimator(projection, start.boot_s))
+        self.parameters.override("MAV_SYS_ID", start.system_id)
         self.companion = Companion()
         self.failsafe = Failsafe()
         self.flight = Flight(self.body, self.estimator, self.parameters)

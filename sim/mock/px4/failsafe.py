@@ -75,6 +75,9 @@ class Failsafe:
         """Decide anew. ``mode`` is ``None`` when the intention stands."""
         self._pilot_expected |= situation.pilot_present
         present = self._causes(situation, parameters)
+        if not present and self.cause is None:
+            self._overruled.clear()
+            return
         self._overruled &= present.keys()
         causes = [cause for cause in Cause if cause in present and cause not in self._overruled]
         latched = self.cause is Cause.PILOT_LOST and self.mode in (Mode.RTL, Mode.LAND)
@@ -124,9 +127,9 @@ class Failsafe:
 
 def fence_breached(parameters: Parameters, position_m: Vector, home_m: Vector | None) -> bool:
     """Return whether the vehicle is outside GF_MAX_HOR_DIST or GF_MAX_VER_DIST of home."""
-    if home_m is None:
-        return False
     reach_m, top_m = parameters.number("GF_MAX_HOR_DIST"), parameters.number("GF_MAX_VER_DIST")
+    if home_m is None or (reach_m <= 0.0 and top_m <= 0.0):
+        return False
     north, east, down = (here - home for here, home in zip(position_m, home_m, strict=True))
     too_far = 0.0 < reach_m < math.hypot(north, east)
     return too_far or 0.0 < top_m < -down

@@ -132,6 +132,12 @@ class Flight:
     def _offboard(self, setpoint: Setpoint | None) -> Demand:
         if setpoint is None or not setpoint.complete:
             return Demand()
+        rate = setpoint.yaw_rate_radps if math.isfinite(setpoint.yaw_rate_radps) else 0.0
+        if math.isfinite(setpoint.yaw_rad):
+            rate += YAW_GAIN_PER_S * wrap_pi(setpoint.yaw_rad - self.body.yaw_rad)
+        rate = max(-YAW_RATE_MAX_RADPS, min(YAW_RATE_MAX_RADPS, rate))
+        if setpoint.only_velocity:
+            return Demand(self._limited(setpoint.velocity_mps), yaw_rate_radps=rate)
         local = self.estimator.to_local(self.body.position_m)
         velocity, feedforward = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
         for axis in range(3):
@@ -144,9 +150,6 @@ class Flight:
                 velocity[axis] = self.body.velocity_mps[axis]
             velocity[axis] += speed if math.isfinite(speed) else 0.0
             feedforward[axis] = push if math.isfinite(push) else 0.0
-        rate = setpoint.yaw_rate_radps if math.isfinite(setpoint.yaw_rate_radps) else 0.0
-        if math.isfinite(setpoint.yaw_rad):
-            rate += YAW_GAIN_PER_S * wrap_pi(setpoint.yaw_rad - self.body.yaw_rad)
         if all(math.isfinite(value) for value in setpoint.position_m[:2]):
             away = [setpoint.position_m[axis] - local[axis] for axis in range(2)]
             brakable = math.sqrt(2.0 * APPROACH_MPS2 * math.hypot(*away))
@@ -155,7 +158,7 @@ class Flight:
         return Demand(
             self._limited((velocity[0], velocity[1], velocity[2])),
             (feedforward[0], feedforward[1], feedforward[2]),
-            yaw_rate_radps=max(-YAW_RATE_MAX_RADPS, min(YAW_RATE_MAX_RADPS, rate)),
+            yaw_rate_radps=rate,
         )
 
     def _manual(self, sticks: Sticks) -> Demand:

@@ -5,6 +5,7 @@ recorded flights.
 """
 
 import math
+from functools import partial
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -33,7 +34,8 @@ def sys_status(px4: Px4) -> Any:
     if px4.armed or px4.can_arm():
         health |= PREARM_CHECK
     battery = px4.battery
-    return mavlink.MAVLink_sys_status_message(
+    return partial(
+        mavlink.MAVLink_sys_status_message,
         present,
         enabled,
         health,
@@ -54,7 +56,8 @@ def gps_raw(px4: Px4) -> Any:
     point = px4.estimator.gps(px4.body.position_m)
     vn, ve, _ = px4.body.velocity_mps
     latitude_e7, longitude_e7, altitude_mm = geodetic_e7(point)
-    return mavlink.MAVLink_gps_raw_int_message(
+    return partial(
+        mavlink.MAVLink_gps_raw_int_message,
         boot_us(px4),
         0 if lost else 3,
         latitude_e7,
@@ -93,17 +96,28 @@ def altitude(px4: Px4) -> Any:
     """ALTITUDE; NaN where nothing is known yet."""
     amsl = px4.estimator.geodetic(px4.body.position_m).altitude_m
     if px4.home_true_m is None:
-        return mavlink.MAVLink_altitude_message(boot_us(px4), amsl, NAN, NAN, NAN, NAN, NAN)
+        return partial(
+            mavlink.MAVLink_altitude_message, boot_us(px4), amsl, NAN, NAN, NAN, NAN, NAN
+        )
     local = -px4.estimator.to_local(px4.body.position_m)[2]
     relative = -subtract(px4.body.position_m, px4.home_true_m)[2]
-    return mavlink.MAVLink_altitude_message(boot_us(px4), amsl, amsl, local, relative, NAN, NAN)
+    return partial(
+        mavlink.MAVLink_altitude_message, boot_us(px4), amsl, amsl, local, relative, NAN, NAN
+    )
 
 
 def attitude_target(px4: Px4) -> Any:
     """ATTITUDE_TARGET."""
     thrust = 0.0 if px4.landed else 0.5
-    return mavlink.MAVLink_attitude_target_message(
-        boot_ms(px4), 0, quaternion(px4), 0.0, 0.0, px4.flight.demand.yaw_rate_radps, thrust
+    return partial(
+        mavlink.MAVLink_attitude_target_message,
+        boot_ms(px4),
+        0,
+        quaternion(px4),
+        0.0,
+        0.0,
+        px4.flight.demand.yaw_rate_radps,
+        thrust,
     )
 
 
@@ -111,7 +125,7 @@ def highres_imu(px4: Px4) -> Any:
     """HIGHRES_IMU, level and without noise."""
     an, ae, ad = px4.body.acceleration_mps2
     pressure = 955.78 - 0.11 * -px4.body.position_m[2]
-    return mavlink.MAVLink_highres_imu_message(
+    return partial(mavlink.MAVLink_highres_imu_message,
         boot_us(px4), an, ae, ad - GRAVITY_MPS2, 0.0, 0.0, px4.body.yaw_rate_radps,
         0.213, 0.019, 0.428, pressure, 0.0, 489.4 - px4.body.position_m[2], 15.0, 63,
     )  # fmt: skip
@@ -120,7 +134,9 @@ def highres_imu(px4: Px4) -> Any:
 def servo_output(px4: Px4) -> Any:
     """SERVO_OUTPUT_RAW: 900 disarmed, 1100 idling, 1500 in the air."""
     pulse = 900 if not px4.armed else 1100 if px4.landed else 1500
-    return mavlink.MAVLink_servo_output_raw_message(boot_us(px4), 0, *(pulse,) * 4, *(900,) * 12)
+    return partial(
+        mavlink.MAVLink_servo_output_raw_message, boot_us(px4), 0, *(pulse,) * 4, *(900,) * 12
+    )
 
 
 def scaled_pressure(px4: Px4) -> Any:
@@ -132,8 +148,17 @@ def scaled_pressure(px4: Px4) -> Any:
 def distance_sensor(px4: Px4) -> Any:
     """DISTANCE_SENSOR, looking down."""
     height_cm = round(max(0.0, -px4.body.position_m[2]) * 100.0)
-    return mavlink.MAVLink_distance_sensor_message(
-        boot_ms(px4), 0, 10000, min(height_cm, 10000), 0, 0, 25, 0, signal_quality=1
+    return partial(
+        mavlink.MAVLink_distance_sensor_message,
+        boot_ms(px4),
+        0,
+        10000,
+        min(height_cm, 10000),
+        0,
+        0,
+        25,
+        0,
+        signal_quality=1,
     )
 
 

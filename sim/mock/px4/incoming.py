@@ -6,10 +6,11 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.world.frames import GeoPoint
-from sim.mock.channel import COMPONENT_ID, SYSTEM_ID, Channel
+from sim.mock.autopilot import COMPONENT_ID
+from sim.mock.channel import Channel
 from sim.mock.commands import CommandId, Result, read_command, whole
 from sim.mock.dynamics import Vector
-from sim.mock.incoming import SHARED_HANDLERS, Handler, acknowledge
+from sim.mock.incoming import SHARED_HANDLERS, Handler
 from sim.mock.pilot import Sticks
 from sim.mock.px4.commander import Px4
 from sim.mock.px4.commands import run_command, set_mode
@@ -23,24 +24,25 @@ _RELATIVE_FRAMES = (
 )
 
 
-def is_for_us(message: Any, elsewhere: Collection[tuple[int, int]]) -> bool:
+def is_for_us(message: Any, system_id: int, elsewhere: Collection[tuple[int, int]]) -> bool:
     """Return whether the target ids of ``message`` name this autopilot, or nobody (P10)."""
     system = getattr(message, "target_system", 0)
     component = getattr(message, "target_component", 0)
-    return system in (0, SYSTEM_ID) and component in (0, COMPONENT_ID)
+    return system in (0, system_id) and component in (0, COMPONENT_ID)
 
 
 def _heartbeat(px4: Px4, channel: Channel, message: Any) -> None:
     if message.type == mavlink.MAV_TYPE_GCS:
         channel.hear_gcs(px4.now_s)
     elif (
-        message.type == mavlink.MAV_TYPE_ONBOARD_CONTROLLER and message.get_srcSystem() == SYSTEM_ID
+        message.type == mavlink.MAV_TYPE_ONBOARD_CONTROLLER
+        and message.get_srcSystem() == px4.system_id
     ):
         px4.companion.hear(px4.now_s)
 
 
 def _command(px4: Px4, channel: Channel, message: Any) -> None:
-    if message.target_system != SYSTEM_ID:
+    if message.target_system != px4.system_id:
         return  # commands to everybody are not ours to answer
     command = read_command(message)
     number = command.command
@@ -51,7 +53,7 @@ def _command(px4: Px4, channel: Channel, message: Any) -> None:
         result = _send_once(px4, channel, whole(command.params[0]))
     else:
         result = run_command(px4, command)
-    acknowledge(channel, message, number, result)
+    channel.acknowledge(px4.now_s, message, number, result)
 
 
 def _send_once(px4: Px4, channel: Channel, message_id: int) -> Result:
@@ -68,7 +70,7 @@ def _send_once(px4: Px4, channel: Channel, message_id: int) -> Result:
 def _set_mode(px4: Px4, channel: Channel, message: Any) -> None:
     main, sub = message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24 & 0xFF
     result = set_mode(px4, message.base_mode, main, sub, message.get_srcComponent())
-    acknowledge(channel, message, CommandId.DO_SET_MODE, result)
+    channel.acknowledge(px4.now_s, message, CommandId.DO_SET_MODE, result)
 
 
 def _local_setpoint(px4: Px4, channel: Channel, message: Any) -> None:
@@ -110,7 +112,7 @@ def _global_setpoint(px4: Px4, channel: Channel, message: Any) -> None:
 
 
 def _manual_control(px4: Px4, channel: Channel, message: Any) -> None:
-    if message.target != SYSTEM_ID:
+    if message.target != px4.system_id:
         return
     axes = (message.x / 1e3, message.y / 1e3, message.z / 500.0 - 1.0, message.r / 1e3)
     if all(-1.0 <= axis <= 1.0 for axis in axes):  # PX4 too ignores what no stick can say

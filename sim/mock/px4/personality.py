@@ -12,7 +12,7 @@ PX4 = Personality(
     name="px4",
     kind=Px4,
     build=Px4,
-    open_channel=lambda ground: Px4Channel(ground=ground),
+    open_channel=Px4Channel,
     rates_of=lambda ground: "ground-station rates" if ground else "onboard rates",
     handlers=HANDLERS,
     is_for_us=is_for_us,

@@ -7,6 +7,7 @@ recorded flights.
 """
 
 import math
+from functools import partial
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -55,8 +56,14 @@ def attitude_quaternion(px4: Px4) -> Any:
     """ATTITUDE_QUATERNION."""
     if not px4.estimator.attitude_known(px4.now_s):
         return None
-    return mavlink.MAVLink_attitude_quaternion_message(
-        boot_ms(px4), *quaternion(px4), 0.0, 0.0, px4.body.yaw_rate_radps, IDENTITY
+    return partial(
+        mavlink.MAVLink_attitude_quaternion_message,
+        boot_ms(px4),
+        *quaternion(px4),
+        0.0,
+        0.0,
+        px4.body.yaw_rate_radps,
+        IDENTITY,
     )
 
 
@@ -64,7 +71,8 @@ def odometry(px4: Px4) -> Any:
     """ODOMETRY: frames LOCAL_NED both, and the only sight of estimator resets (P20)."""
     if not px4.estimator.local_known(px4.now_s):
         return None
-    return mavlink.MAVLink_odometry_message(
+    return partial(
+        mavlink.MAVLink_odometry_message,
         boot_us(px4),
         LOCAL_NED,
         LOCAL_NED,
@@ -84,7 +92,7 @@ def odometry(px4: Px4) -> Any:
 
 def extended_sys_state(px4: Px4) -> Any:
     """EXTENDED_SYS_STATE: landed or not."""
-    return mavlink.MAVLink_extended_sys_state_message(0, px4.landed_state)
+    return partial(mavlink.MAVLink_extended_sys_state_message, 0, px4.landed_state)
 
 
 def estimator_status(px4: Px4) -> Any:
@@ -112,8 +120,17 @@ def position_target_local(px4: Px4) -> Any:
     """POSITION_TARGET_LOCAL_NED: mask 7 for a velocity, 0 for a position, 63 when idle."""
     demand = px4.flight.demand
     if px4.landed:
-        return mavlink.MAVLink_position_target_local_ned_message(
-            boot_ms(px4), LOCAL_NED, 63, *(NAN,) * 6, 0.0, 0.0, 100.0, px4.body.yaw_rad, 0.0
+        return partial(
+            mavlink.MAVLink_position_target_local_ned_message,
+            boot_ms(px4),
+            LOCAL_NED,
+            63,
+            *(NAN,) * 6,
+            0.0,
+            0.0,
+            100.0,
+            px4.body.yaw_rad,
+            0.0,
         )
     setpoint = px4.setpoint if px4.mode is Mode.OFFBOARD else None
     position, mask = (NAN, NAN, NAN), 7
@@ -121,7 +138,8 @@ def position_target_local(px4: Px4) -> Any:
         position, mask = setpoint.position_m, 0
     elif demand.position_m is not None:
         position, mask = px4.estimator.to_local(demand.position_m), 0
-    return mavlink.MAVLink_position_target_local_ned_message(
+    return partial(
+        mavlink.MAVLink_position_target_local_ned_message,
         boot_ms(px4),
         LOCAL_NED,
         mask,

@@ -7,34 +7,12 @@ newer definitions can read them. Layouts and checksum seeds are those of the rec
 import struct
 from typing import Any
 
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
-
+from sim.mock.packet import RawMessage
 from sim.mock.px4.commander import Px4
 from sim.mock.telemetry import boot_us
 
 ESC_INFO_ID, ESC_STATUS_ID, CURRENT_MODE_ID = 290, 291, 436
 MOTORS = 4
-
-
-class RawMessage(mavlink.MAVLink_message):  # type: ignore[misc]
-    """A message of which only the bytes are known.
-
-    Args:
-        message_id: Its id.
-        name: Its name in the definitions.
-        crc_extra: Its checksum seed.
-        payload: Its fields in wire order.
-    """
-
-    def __init__(self, message_id: int, name: str, crc_extra: int, payload: bytes) -> None:
-        super().__init__(message_id, name)
-        self._seed = crc_extra
-        self._fields = payload
-
-    def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
-        """Return the packet."""
-        packet: bytes = self._pack(mav, self._seed, self._fields, force_mavlink1=force_mavlink1)
-        return packet
 
 
 def esc_info(px4: Px4) -> Any:
