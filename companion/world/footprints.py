@@ -1,5 +1,7 @@
 """Footprints from people: checks that name the field, and one canonical form of each."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 import shapely
@@ -10,6 +12,43 @@ from companion.world.decomposition import Ring, counter_clockwise
 
 MIN_AREA_M2 = 1e-4
 """A square centimetre: anything smaller is a slip of the pen."""
+
+
+def check_footprints(
+    footprints_m: Sequence[npt.ArrayLike], heights_m: Sequence[float], size_m: FloatArray
+) -> tuple[FloatArray, ...]:
+    """Return all outlines of a map, not closed, ``(V, 2)`` each, if they can be used.
+
+    All are looked at together: a town has thousands. What is wrong is then looked for alone.
+
+    Args:
+        footprints_m: Corners, ``(V, 2)`` each; may repeat the first one at the end.
+        heights_m: Of the roofs, one for each.
+        size_m: Extent of the map, shape ``(3,)``.
+
+    Raises:
+        MapError: As ``check_footprint`` for the first that is wrong.
+    """
+    outlines_m = [_outline(footprint) for footprint in footprints_m]
+    count = np.array([len(outline_m) for outline_m in outlines_m], dtype=np.int64)
+    sound = (count >= 3) & (np.asarray(heights_m) > 0.0) & (np.asarray(heights_m) <= size_m[2])
+    corner_m = np.concatenate([*outlines_m, np.empty((0, 2))])
+    outline = np.repeat(np.arange(len(count)), count)
+    within = np.all((corner_m >= 0.0) & (corner_m <= size_m[:2]), axis=1)
+    sound[outline[~within]] = False
+    first = np.cumsum(count) - count
+    before = np.arange(len(corner_m)) - 1
+    before[first[count > 0]] = (first + count - 1)[count > 0]
+    sound[outline[np.all(corner_m == corner_m[before], axis=1)]] = False
+    usable = sound[outline]
+    # Rings are numbered without a gap; they close themselves.
+    number = np.cumsum(sound)[outline[usable]] - 1
+    polygons = shapely.polygons(shapely.linearrings(corner_m[usable], indices=number))
+    area_m2 = shapely.area(shapely.convex_hull(polygons))
+    sound[sound] = (area_m2 >= MIN_AREA_M2) & shapely.is_valid(polygons)
+    for index in np.flatnonzero(~sound).tolist():
+        check_footprint(f"obstacles[{index}]", footprints_m[index], heights_m[index], size_m)
+    return tuple(outlines_m)
 
 
 def check_footprint(
@@ -27,9 +66,7 @@ def check_footprint(
         MapError: If the outline is no simple polygon within the map or the height is not between
             0 and the map's. The message names field and place.
     """
-    corners_m = np.array(footprint_m, dtype=np.float64).reshape(-1, 2)
-    if len(corners_m) > 1 and np.array_equal(corners_m[0], corners_m[-1]):
-        corners_m = corners_m[:-1]
+    corners_m = _outline(footprint_m)
     outline = f"{field}.footprint_m"
     if len(corners_m) < 3:
         raise MapError(f"{outline} needs at least 3 corners, got {len(corners_m)}")
@@ -56,6 +93,12 @@ def check_footprint(
             f"got {height_m}"
         )
     return corners_m
+
+
+def _outline(footprint_m: npt.ArrayLike) -> FloatArray:
+    corners_m = np.array(footprint_m, dtype=np.float64).reshape(-1, 2)
+    closed = len(corners_m) > 1 and bool((corners_m[0] == corners_m[-1]).all())
+    return corners_m[:-1] if closed else corners_m
 
 
 def canonical_footprint(footprint_m: FloatArray) -> Ring:

@@ -19,7 +19,7 @@ import shapely
 
 from companion.arrays import BoolArray, FloatArray
 from companion.errors import MapError
-from companion.world.footprints import canonical_footprint, check_footprint
+from companion.world.footprints import canonical_footprint, check_footprints
 from companion.world.frames import GeoPoint
 from companion.world.geometry import Obstacles
 from companion.world.map_file import MapFile, read_map_file
@@ -107,10 +107,9 @@ def build_map(
     description = " ".join(description.split())
     if not description.isprintable():
         raise MapError(f"description must be printable, got {description!r}")
-    footprints = tuple(
-        check_footprint(f"obstacles[{index}]", footprint, height_m, size)
-        for index, (footprint, height_m) in enumerate(zip(footprints_m, heights_m, strict=True))
-    )
+    if len(footprints_m) != len(heights_m):
+        raise MapError(f"{len(heights_m)} heights for {len(footprints_m)} footprints")
+    footprints = check_footprints(footprints_m, heights_m, size)
     names = _check_names(obstacle_names, len(footprints))
     if origin is not None:
         _check_origin(origin)

@@ -39,11 +39,7 @@ class ConvexPieces:
         """Cut footprints into convex pieces and pack them."""
         pieces = [convex_pieces(footprint) for footprint in footprints_m]
         bases = [base for cut in pieces for base in cut]
-        num_edges = max((len(base) for base in bases), default=0)
-        planes = np.zeros((3, num_edges, len(bases)))
-        planes[2] = 1.0  # 0 x + 0 y <= 1 holds everywhere
-        for k, base in enumerate(bases):
-            planes[:, : len(base), k] = _half_planes(base)
+        planes = _half_planes(bases)
         low_m = np.array([base.min(axis=0) for base in bases]).reshape(-1, 2)
         high_m = np.array([base.max(axis=0) for base in bases]).reshape(-1, 2)
         size_m = high_m - low_m
@@ -185,19 +181,27 @@ class ConvexPieces:
         return seen
 
 
-def _half_planes(base: FloatArray) -> FloatArray:
-    """Return normals and offsets of a counter-clockwise polygon's edges, ``(3, V)``."""
-    after = np.roll(base, -1, axis=0)
+def _half_planes(bases: Sequence[FloatArray]) -> FloatArray:
+    """Return normals and offsets of the edges of counter-clockwise polygons, ``(3, E, K)``."""
+    count = np.array([len(base) for base in bases], dtype=np.int64)
+    planes = np.zeros((3, int(count.max(initial=0)), len(bases)))
+    planes[2] = 1.0  # 0 x + 0 y <= 1 holds everywhere
+    corner = np.concatenate([*bases, np.empty((0, 2))])
+    first = np.cumsum(count) - count
+    piece = np.repeat(np.arange(len(bases)), count)
+    edge = np.arange(len(corner)) - first[piece]
+    after = corner[first[piece] + (edge + 1) % count[piece]]
     # From the smaller corner to the larger, whichever piece asks: opposite signs, same bits.
     swapped = np.where(
-        base[:, 0] == after[:, 0], base[:, 1] > after[:, 1], base[:, 0] > after[:, 0]
+        corner[:, 0] == after[:, 0], corner[:, 1] > after[:, 1], corner[:, 0] > after[:, 0]
     )
-    first = np.where(swapped[:, None], after, base)
-    along_x, along_y = (np.where(swapped[:, None], base, after) - first).T
+    start = np.where(swapped[:, None], after, corner)
+    along_x, along_y = (np.where(swapped[:, None], corner, after) - start).T
     length_m = np.hypot(along_x, along_y)
     normal_x, normal_y = along_y / length_m, -along_x / length_m
-    planes = np.stack((normal_x, normal_y, normal_x * first[:, 0] + normal_y * first[:, 1]))
-    return np.where(swapped, -planes, planes)
+    found = np.stack((normal_x, normal_y, normal_x * start[:, 0] + normal_y * start[:, 1]))
+    planes[:, edge, piece] = np.where(swapped, -found, found)
+    return planes
 
 
 def _clip(start_outside: FloatArray, end_outside: FloatArray) -> tuple[FloatArray, FloatArray]:

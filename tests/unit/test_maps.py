@@ -97,12 +97,12 @@ def test_free_with_a_margin(load):
 WRONG = {
     "not a mapping": ("[1, 2]", "expected `object`, got `array`"),
     "empty": ("", "expected `object`, got `null`"),
-    "no YAML": ("name: [", "not valid YAML: .*line 1"),
+    "no YAML": ("name: [", "not valid YAML: .*line 2, column 1"),
     "tag": ("name: !!python/object:os.system {}", "aliases and tags are not allowed"),
     "not text": (b"\xff\xfe\x00", "not UTF-8 text"),
     "control character": ("name: \x07", "not valid YAML"),
     "too deep": ("[" * 20_000, "not valid YAML: nested too deeply"),
-    "too large": ("#" * (MAX_FILE_BYTES + 1), "larger than 1024 KiB"),
+    "too large": ("#" * (MAX_FILE_BYTES + 1), "larger than 8192 KiB"),
     "date": (YARD.replace("name: yard", "name: 2024-13-45"), "not valid YAML: month must be"),
     "unknown key": (YARD + "wind: 3\n", "unknown field `wind`"),
     "misspelt key": (
@@ -208,6 +208,47 @@ def test_an_error_names_file_and_field_in_one_line(load, case):
     assert message.startswith("cannot load map ")
     assert "yard.yaml: " in message
     assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    "spelling",
+    [
+        "[\n      [50, 10], [70.0, 1e1],\n      [60, 30]]",
+        "[[50., 10], [70, +10], [60, 30]]",
+        "[[50, 10], [70, 10], # the barn's gable\n      [60, 30]]",
+        "[[50, 10], [70, 10], [60, 30],]",
+        "\n      - [50, 10]\n      - [70, 10]\n      - [60, 30]",
+        "[[50, 10], [70, 10], [60, 30]]   ",
+    ],
+)
+def test_corners_may_be_written_as_yaml_allows(load, spelling):
+    # "1e1" is text to YAML 1.1 but a number to everybody else.
+    yard = load(YARD.replace("[[50, 10], [70, 10], [60, 30]]", spelling))
+    np.testing.assert_array_equal(yard.footprints_m[1], [[50, 10], [70, 10], [60, 30]])
+
+
+def test_an_error_below_an_outline_of_many_lines_names_its_line(load):
+    text = YARD.replace("[[50, 10], ", "[[50,\n 10],\n\n      ") + "oops: [\n"
+    with pytest.raises(MapError, match=rf"line {text.count(chr(10)) + 1}, column 1"):
+        load(text)
+
+
+@pytest.mark.parametrize("slip", ["crosses itself", "outside", "height", "repeats", "at least 3"])
+def test_one_slip_among_many_obstacles_is_found(slip):
+    outlines = [np.array(SQUARE) + (0.0, 15.0 * index) for index in range(50)]
+    heights = [10.0] * 50
+    if slip == "crosses itself":
+        outlines[31] = outlines[31][[0, 2, 1, 3]]
+    elif slip == "outside":
+        outlines[31] = outlines[31] - (10.5, 0.0)
+    elif slip == "height":
+        heights[31] = 99.0
+    elif slip == "repeats":
+        outlines[31] = outlines[31][[0, 1, 1, 2, 3]]
+    else:
+        outlines[31] = outlines[31][:2]
+    with pytest.raises(MapError, match=rf"obstacles\[31\].*{slip}"):
+        build_map("row", (100, 1000, 50), outlines, heights)
 
 
 @given(st.binary(max_size=300))
