@@ -79,10 +79,40 @@ class Export:
     """ONNX file to write."""
 
 
+@dataclass(frozen=True, slots=True)
+class Reproduce:
+    """Reproduce the paper: train everything, fly the test cases, write the report.
+
+    Hours. Ctrl-C leaves checkpoints and a report of what is there; the same command goes on. Runs
+    that are over are used again as long as their preset is the same.
+    """
+
+    quick: bool = False
+    """About ten minutes on two cores: fewer updates, seeds and cases, and the report says so."""
+    out: Path | None = None
+    """Folder of the report; by default runs/report or runs/report-quick."""
+    runs: Path = Path("runs")
+    """Folder of training runs."""
+    seeds: tuple[int, ...] = ()
+    """Training seeds; by default 1 2 3, with --quick 1."""
+    processes: int | None = None
+    """How many runs at a time, by default as many as there are cores."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Draw the figures of a report again and write its page, without training or flying."""
+
+    report: Path
+    """Folder with numbers.json and curves.json."""
+
+
 Command = (
     Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
+    | Annotated[Figures, tyro.conf.subcommand("figures")]
 )
 
 
@@ -100,7 +130,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return commands.train(command, typed, now_s=clock.now_s)
         if isinstance(command, Evaluate):
             return commands.evaluate(command, typed, now_s=clock.now_s)
-        return commands.export(command, now_s=clock.now_s)
+        if isinstance(command, Export):
+            return commands.export(command, now_s=clock.now_s)
+        from training import reproduce
+
+        if isinstance(command, Reproduce):
+            return reproduce.reproduce(command, typed, now_s=clock.now_s)
+        return reproduce.figures(command)
     except CompanionError as error:
         print(f"training: {error}", file=sys.stderr)
         return error.exit_code

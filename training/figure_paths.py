@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import shapely
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
-from shapely import LineString, Point
+from shapely import LineString
 from shapely import Polygon as Outline
 
 from companion.arrays import FloatArray
@@ -93,18 +94,16 @@ def _draw_scene(axes: Axes, scene: Scene, title: str, *, moving: bool) -> None:
 def _label_place_m(outline: Outline, way: LineString | None) -> tuple[float, float]:
     """Return the point of an outline that is farthest from its edges and from the way."""
     west, south, east, north = outline.bounds
-    best, place_m = -1.0, (outline.centroid.x, outline.centroid.y)
-    for x in np.arange(west, east, 1.0):
-        for y in np.arange(south, north, 1.0):
-            point = Point(x, y)
-            if not outline.contains(point):
-                continue
-            room_m = point.distance(outline.boundary)
-            if way is not None:
-                room_m += min(point.distance(way), _LABEL_M)
-            if room_m > best:
-                best, place_m = room_m, (float(x), float(y))
-    return place_m
+    corners_m = np.meshgrid(np.arange(west, east, 1.0), np.arange(south, north, 1.0))
+    points = shapely.points(*(axis.ravel() for axis in corners_m))
+    points = points[shapely.contains(outline, points)]
+    if len(points) == 0:
+        return outline.centroid.x, outline.centroid.y
+    room_m = shapely.distance(points, outline.boundary)
+    if way is not None:
+        room_m += np.minimum(shapely.distance(points, way), _LABEL_M)
+    best = points[int(np.argmax(room_m))]
+    return best.x, best.y
 
 
 def _draw_flight(axes: Axes, flight: Flight, *, moving: bool) -> None:

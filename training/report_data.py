@@ -22,8 +22,9 @@ class Score(msgspec.Struct, frozen=True):
     """How one policy did on the test cases of one map."""
 
     evaluation: Evaluation
-    spl_shortest: float
-    """Success weighted by path length, against the shortest way around the obstacles."""
+    spl_shortest: float | None
+    """Success weighted by path length, against the shortest way around the obstacles; ``None``
+    for moving targets, whose shortest way nobody can know."""
     mean_return: float
     """Undiscounted reward of an episode of T steps."""
 
@@ -47,7 +48,6 @@ class RunResult(msgspec.Struct, frozen=True):
     """Which actor was best on validation, and after how many updates."""
     train_s: float | None
     """Wall-clock, where the log tells it."""
-    episodes_trained: int
     static: Score
     moving: Score | None
 
@@ -103,8 +103,6 @@ class Change(msgspec.Struct, frozen=True):
 
     name: str
     reason: str
-    differs: str
-    """The numbers of the preset that differ."""
 
 
 class Report(msgspec.Struct, frozen=True):

@@ -74,16 +74,24 @@ class VisibilityGraph:
         return np.concatenate((start_m[None], self.node_m[nodes], target_m[None]))
 
 
-def shortest_ways(city: Map, start_m: FloatArray, target_m: FloatArray) -> list[FloatArray]:
-    """Return the shortest way of each pair, ``(K, 3)`` each.
+class ShortestWays:
+    """Finds shortest ways on any map; the graph of each is built once."""
 
-    Args:
-        city: The map.
-        start_m: Free points, shape ``(N, 3)``.
-        target_m: Shape ``(N, 3)``.
-    """
-    graph = VisibilityGraph.of(city)
-    return [graph.way(*ends) for ends in zip(start_m, target_m, strict=True)]
+    def __init__(self) -> None:
+        self._graphs: dict[str, VisibilityGraph] = {}
+
+    def __call__(self, city: Map, start_m: FloatArray, target_m: FloatArray) -> list[FloatArray]:
+        """Return the shortest way of each pair, ``(K, 3)`` each.
+
+        Args:
+            city: The map.
+            start_m: Free points, shape ``(N, 3)``.
+            target_m: Shape ``(N, 3)``.
+        """
+        if city.content_hash not in self._graphs:
+            self._graphs[city.content_hash] = VisibilityGraph.of(city)
+        graph = self._graphs[city.content_hash]
+        return [graph.way(*ends) for ends in zip(start_m, target_m, strict=True)]
 
 
 def way_lengths_m(ways: Sequence[FloatArray]) -> FloatArray:

@@ -1,0 +1,382 @@
+"""The report's page: tables out of ``numbers.json``, with the figures between them."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from training.report_data import Baseline, Report, RunResult, Score
+from training.report_errata import ERRATA
+from training.reproduce_plan import BETA
+
+PAPER_RATES = {"free": 1.00, "env1": 0.84, "env2": 0.82}
+"""Table II."""
+TITLES = {"free": "obstacle free", "env1": "obstacles, env1", "env2": "obstacles, env2"}
+
+FIGURE_8 = "figure8-rewards.png"
+FIGURE_6 = "figure6-paths.png"
+FIGURE_5 = "figure5-chase-free.png"
+CHASES = "chase-{map}.png"
+TRANSFER = "transfer.png"
+ABLATIONS = "ablations.png"
+
+
+def write_page(report: Report, figures: Sequence[str]) -> str:
+    """Return ``README.md``.
+
+    Args:
+        report: The numbers.
+        figures: File names of those that were drawn; the others are left out.
+    """
+    parts = [
+        "# The paper, reproduced",
+        _banner(report),
+        "Bouhamed, Ghazzai, Besbes, Massoud: *Autonomous UAV Navigation: A DDPG-based Deep "
+        "Reinforcement Learning Approach* (ISCAS 2020), preset `paper`: the paper's reward, "
+        "exploration, buffer, batch, horizon and observation; what it leaves open is in the "
+        "errata below. Everything here was written by one command:",
+        f"```\n{report.command}\n```",
+        "## Table II",
+        _table_two(report),
+        "Rates are shares of the test cases that came within 5 m of the target without touching "
+        "an obstacle before, policy alone, no shield. *Mean (min - max)* is over training seeds "
+        f"{_listed(report.seeds)}: no seed was left out. *Flying straight* at the target is the "
+        "floor, a planner that knows the map and tracks its shortest way is the ceiling, both on "
+        "the same cases.",
+        _verdict(report),
+        "### Every seed",
+        _seeds(report),
+        "SPL is success weighted by path length, with the straight distance as the shortest; "
+        "*SPL, ways* takes the shortest way around and over the obstacles instead, as the "
+        "field's definition has it. Intervals are Wilson's, 95 %.",
+        _figure(figures, FIGURE_8, "Figure 8: reward of an episode while training"),
+        _figure(figures, FIGURE_6, "Figure 6: paths from above"),
+        "## Moving targets",
+        _moving(report),
+        "The paper's random pre-defined trajectories: runs, circles and tours at a constant 0.5 "
+        "to 2 m/s, 2 to 8 m a step of 4 s. The actors were trained on targets that rest, and see "
+        "no velocity; the planner aims where the target will be after the step.",
+        _figure(figures, FIGURE_5, "Figure 5: chase in free space"),
+        *(
+            _figure(figures, CHASES.format(map=name), f"Chase among the obstacles of {name}")
+            for name in ("env1", "env2")
+        ),
+        "## What transfer buys",
+        _transfer(report),
+        _figure(figures, TRANSFER, "Completion on validation cases over updates"),
+        "## One change at a time",
+        _ablations(report),
+        _figure(figures, ABLATIONS, "Ablations on env1"),
+        "## Errata",
+        "Where the paper contradicts itself or is silent, with both values.",
+        _errata(),
+        _beta(report),
+        "## How it was made",
+        _provenance(report),
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def percent(rate: float) -> str:
+    """Return a rate for people."""
+    return f"{100.0 * rate:.1f} %"
+
+
+def _banner(report: Report) -> str:
+    lines = []
+    if report.quick:
+        lines.append(
+            f"> **This is a quick run**, not the reproduction: {len(report.seeds)} training "
+            f"seed{'s' if len(report.seeds) > 1 else ''}, {report.cases} test cases and a "
+            f"fraction of the updates ({_budget(report)}). It shows that everything works; its "
+            "rates are lower, its intervals wider and its ablations rougher than those of the "
+            "full run. Run `training reproduce` without `--quick` for the numbers."
+        )
+    if report.unfinished:
+        lines.append(
+            f"> **Not finished**: {_listed(report.unfinished)}. Tables hold what is there; the "
+            "same command goes on where it stopped."
+        )
+    return "\n>\n".join(lines)
+
+
+def _table_two(report: Report) -> str:
+    rows = []
+    for name, paper in PAPER_RATES.items():
+        runs, base = _main_runs(report, name), report.baseline(name)
+        rows.append(
+            [
+                TITLES[name],
+                f"{100 * paper:.0f} %",
+                _spread([run.static.evaluation.completion_rate for run in runs]),
+                _of_base(base, "straight"),
+                _of_base(base, "planner"),
+                _mean([run.static.evaluation.completion_2m for run in runs]),
+                _mean([run.static.evaluation.completion_1m for run in runs]),
+            ]
+        )
+    heading = [
+        "Scenario",
+        "paper",
+        "ours: mean (min - max)",
+        "flying straight",
+        "planner",
+        "ours at 2 m",
+        "at 1 m",
+    ]
+    return _table(heading, rows)
+
+
+def _verdict(report: Report) -> str:
+    lines = []
+    for name, paper in PAPER_RATES.items():
+        rates = [run.static.evaluation.completion_rate for run in _main_runs(report, name)]
+        if not rates:
+            lines.append(f"- {TITLES[name]}: no run came to its end.")
+            continue
+        mean, least = float(np.mean(rates)), min(rates)
+        if least >= paper:
+            said = "every seed reaches the paper's rate"
+        elif mean >= paper:
+            said = "the mean reaches the paper's rate, the worst seed does not"
+        else:
+            said = f"**below the paper's rate** by {100 * (paper - mean):.1f} points on average"
+        lines.append(f"- {TITLES[name]}: {said}.")
+    return "\n".join(lines)
+
+
+def _seeds(report: Report) -> str:
+    rows = []
+    for name in PAPER_RATES:
+        rows += [
+            [TITLES[name], f"seed {run.seed}", *_cells(run.static), *_effort(run)]
+            for run in _main_runs(report, name)
+        ]
+        base = report.baseline(name)
+        if base is not None:
+            rows.append([TITLES[name], "flying straight", *_cells(base.straight), "", "", ""])
+            rows.append([TITLES[name], "planner", *_cells(base.planner), "", "", ""])
+    return _table(
+        ["Scenario", "policy", *_CELLS, "updates", "training", "actor chosen on validation"], rows
+    )
+
+
+_CELLS = (
+    "within 5 m (95 %)",
+    "2 m",
+    "1 m",
+    "collided",
+    "timed out",
+    "SPL",
+    "SPL, ways",
+    "mean reward",
+)
+
+
+def _cells(score: Score) -> list[str]:
+    result = score.evaluation
+    low, high = result.completion_rate_ci95
+    ways = score.spl_shortest
+    return [
+        f"{percent(result.completion_rate)} ({100 * low:.1f} - {100 * high:.1f})",
+        percent(result.completion_2m),
+        percent(result.completion_1m),
+        percent(result.collision_rate),
+        percent(result.timeout_rate),
+        f"{result.spl:.3f}",
+        "-" if ways is None else f"{ways:.3f}",
+        f"{score.mean_return:.2f}",
+    ]
+
+
+def _effort(run: RunResult) -> list[str]:
+    return [f"{run.updates:,}", _minutes(run.train_s), run.source]
+
+
+def _moving(report: Report) -> str:
+    rows = []
+    for name in PAPER_RATES:
+        scores = [run.moving for run in _main_runs(report, name) if run.moving is not None]
+        base = report.baseline(name, moving=True)
+        rows.append(
+            [
+                TITLES[name],
+                _spread([score.evaluation.completion_rate for score in scores]),
+                _mean([score.evaluation.completion_2m for score in scores]),
+                _mean([score.evaluation.completion_1m for score in scores]),
+                _mean([score.evaluation.collision_rate for score in scores]),
+                _of_base(base, "straight"),
+                _of_base(base, "planner"),
+            ]
+        )
+    heading = [
+        "Scenario",
+        "within 5 m: mean (min - max)",
+        "2 m",
+        "1 m",
+        "collided",
+        "flying straight",
+        "planner",
+    ]
+    return _table(heading, rows)
+
+
+def _transfer(report: Report) -> str:
+    rows = []
+    for variant, label in (("paper", "from the free actor"), ("scratch", "from scratch")):
+        runs = report.of("ablation", "env1", variant)
+        if runs:
+            rates = [run.static.evaluation.completion_rate for run in runs]
+            seeds = _listed([run.seed for run in runs])
+            rows.append([label, f"{runs[0].updates:,}", seeds, _spread(rates)])
+    if not rows:
+        return "No run of this comparison came to its end."
+    table = _table(["env1", "updates", "seeds", "test cases: mean (min - max)"], rows)
+    return (
+        "The same recipe, seeds and updates on env1, once from the networks of the free stage "
+        "(actor, critic and both targets; optimisers, buffer and epsilon begin anew), once from "
+        "random ones. Both are shorter than the runs of Table II.\n\n" + table
+    )
+
+
+def _ablations(report: Report) -> str:
+    floor = report.baseline("env1")
+    rows = []
+    for change in report.changes:
+        runs = report.of("ablation", "env1", change.name)
+        if not runs:
+            rows.append([change.name, change.reason, "", "", "not finished", "", "", ""])
+            continue
+        results = [run.static.evaluation for run in runs]
+        rows.append(
+            [
+                change.name,
+                change.reason,
+                f"{runs[0].updates:,}",
+                _listed([run.seed for run in runs]),
+                _spread([result.completion_rate for result in results]),
+                _mean([result.collision_rate for result in results]),
+                _mean([result.timeout_rate for result in results]),
+                f"{np.mean([result.spl for result in results]):.3f}",
+            ]
+        )
+    heading = ["change", "why", "updates", "seeds", "within 5 m", "collided", "timed out", "SPL"]
+    between = (
+        f" Flying straight completes {_of_base(floor, 'straight')}, the planner "
+        f"{_of_base(floor, 'planner')}."
+        if floor
+        else ""
+    )
+    return (
+        "Each row is the recipe with one thing changed, trained on env1 for fewer updates than "
+        "the runs of Table II so that all of them fit; compare rows with the first one, not with "
+        "Table II." + between + "\n\n" + _table(heading, rows)
+    )
+
+
+def _errata() -> str:
+    return _table(["#", "paper", "problem", "here"], [list(row) for row in ERRATA])
+
+
+def _beta(report: Report) -> str:
+    literal = report.of("ablation", "env1", BETA.name)
+    ours = report.of("ablation", "env1", "paper")
+    if not literal or not ours:
+        return ""
+    rows = []
+    for beta, runs in (("0.8: the ratio beta / (1 - beta) is 4", ours), ("0.4", literal)):
+        results = [run.static.evaluation for run in runs]
+        rows.append(
+            [
+                beta,
+                _listed([run.seed for run in runs]),
+                _spread([result.completion_rate for result in results]),
+                _mean([result.collision_rate for result in results]),
+                _mean([result.timeout_rate for result in results]),
+            ]
+        )
+    heading = ["beta", "seeds", "within 5 m", "collided", "timed out"]
+    return (
+        f"Two readings of E4 on env1, {ours[0].updates:,} updates each. The literal value 4 is "
+        "refused by the command line: it pays for staying away.\n\n" + _table(heading, rows)
+    )
+
+
+def _provenance(report: Report) -> str:
+    trained_s = [run.train_s for run in report.runs if run.train_s is not None]
+    versions = ", ".join(f"{name} {number}" for name, number in report.versions.items())
+    revisions = f"revision {report.git_revision}"
+    return _table(
+        ["What", ""],
+        [
+            ["command", f"`{report.command}`"],
+            ["code", revisions],
+            ["training seeds", _listed(report.seeds)],
+            [
+                "test cases",
+                f"{report.cases} a map, drawn from seed {report.test_seed} and a stream of its "
+                "own that neither training nor the choice of the actor ever uses",
+            ],
+            [
+                "choice of the actor",
+                "the best of the actor and its running average at any validation, on cases of a "
+                "third stream",
+            ],
+            ["updates", f"{_budget(report)}; the paper's budget is {report.paper_updates:,}"],
+            ["machine", report.machine],
+            ["versions", versions],
+            [
+                "wall-clock",
+                f"{_minutes(report.wall_s)} for this call; {len(report.runs)} runs of "
+                f"{_minutes(sum(trained_s))} of training in all, one core each, some of them "
+                "beside other work",
+            ],
+            ["finished", report.finished_utc],
+        ],
+    )
+
+
+def _main_runs(report: Report, map_name: str) -> list[RunResult]:
+    return report.of("free" if map_name == "free" else "obstacles", map_name)
+
+
+def _budget(report: Report) -> str:
+    return ", ".join(f"{kind} {count:,}" for kind, count in report.updates.items())
+
+
+def _of_base(base: Baseline | None, which: str) -> str:
+    if base is None:
+        return "-"
+    score: Score = getattr(base, which)
+    return percent(score.evaluation.completion_rate)
+
+
+def _spread(rates: Sequence[float]) -> str:
+    if not rates:
+        return "not finished"
+    if len(rates) == 1:
+        return f"{percent(rates[0])} (one seed)"
+    low, high = 100 * min(rates), 100 * max(rates)
+    return f"**{percent(float(np.mean(rates)))}** ({low:.1f} - {high:.1f})"
+
+
+def _mean(rates: Sequence[float]) -> str:
+    return percent(float(np.mean(rates))) if rates else "-"
+
+
+def _minutes(seconds: float | None) -> str:
+    if seconds is None:
+        return "-"
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.1f} min"
+
+
+def _listed(values: Iterable[object]) -> str:
+    return ", ".join(str(value) for value in values)
+
+
+def _figure(figures: Sequence[str], name: str, caption: str) -> str:
+    return f"![{caption}]({name})" if name in figures else ""
+
+
+def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [heading, ["---"] * len(heading), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
