@@ -26,8 +26,13 @@ _INK = "#2b2b2b"
 _SHADOW_PER_HEIGHT = np.array([0.06, -0.08])
 """The sun stands in the north-west, as on printed maps."""
 _PATH_COLORS = ("#1565c0", "#ad1457", "#00838f", "#6a1b9a", "#2e7d32")
+_SHADE = "#cdcac5"
+_WALL_M = 0.6
+"""How wide a wall is drawn, within what a pen can do."""
 _NAMED_UP_TO = 12
 """Maps with more obstacles than this carry heights only: names would overlap."""
+_LABELLED_UP_TO = 400
+"""And with more than this, colours only."""
 
 
 def draw_map(
@@ -97,35 +102,41 @@ def _title(city: Map) -> str:
 
 def _draw_obstacles(axes: "Axes", city: Map) -> None:
     from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import PolyCollection
     from matplotlib.colors import LinearSegmentedColormap, Normalize
-    from matplotlib.patches import Polygon
 
     colors = LinearSegmentedColormap.from_list(
         "roofs", ["#dfe7ec", "#9db8c7", "#5d87a1", "#33566f", "#1b2f40"]
     )
     highest_m = float(city.heights_m.max())
     scale = Normalize(0.0, highest_m)
+    points_per_m = 72.0 * 0.8 * _WIDTH_IN / float(city.size_m[0])
     # Low roofs first: where obstacles overlap, the higher one is on top.
-    for index in np.argsort(city.heights_m, kind="stable"):
-        footprint, height_m = city.footprints_m[index], float(city.heights_m[index])
-        for shadow in _shadow(footprint, height_m):
-            axes.add_patch(Polygon(shadow, facecolor="#000000", alpha=0.16, linewidth=0, zorder=1))
-        axes.add_patch(
-            Polygon(
-                footprint,
-                facecolor=colors(scale(height_m)),
-                edgecolor=_INK,
-                linewidth=0.9,
-                joinstyle="miter",
-                zorder=2 + height_m / 1e5,
-            )
+    order = np.argsort(city.heights_m, kind="stable").tolist()
+    shadows = [
+        side
+        for index in order
+        for side in _shadow(city.footprints_m[index], float(city.heights_m[index]))
+    ]
+    axes.add_collection(PolyCollection(shadows, facecolor=_SHADE, linewidth=0, zorder=1))
+    axes.add_collection(
+        PolyCollection(
+            [city.footprints_m[index] for index in order],
+            facecolor=colors(scale(city.heights_m[order])),
+            edgecolor=_INK,
+            linewidth=float(np.clip(_WALL_M * points_per_m, 0.15, 0.9)),
+            joinstyle="miter",
+            zorder=2,
         )
-        named = len(city.obstacles) <= _NAMED_UP_TO
+    )
+    for index in order if len(order) <= _LABELLED_UP_TO else ():
+        height_m = float(city.heights_m[index])
+        named = len(order) <= _NAMED_UP_TO
         _label_roof(
             axes,
             f"{city.obstacle_names[index]}\n{height_m:g} m" if named else f"{height_m:g}",
-            footprint,
-            points_per_m=72.0 * 0.8 * _WIDTH_IN / float(city.size_m[0]),
+            city.footprints_m[index],
+            points_per_m=points_per_m,
             color="white" if height_m > 0.4 * highest_m else _INK,
         )
     beside = axes.inset_axes((1.03, 0.0, 0.03, 1.0))
@@ -134,19 +145,11 @@ def _draw_obstacles(axes: "Axes", city: Map) -> None:
     bar.ax.tick_params(labelsize=9)
 
 
-def _shadow(footprint: FloatArray, height_m: float) -> list[FloatArray]:
-    """Return the ground that the prism keeps from the sun, less its own footprint."""
+def _shadow(footprint: FloatArray, height_m: float) -> FloatArray:
+    """Return what every wall keeps from the sun, ``(V, 4, 2)``; the roofs are drawn over it."""
     away_m = _SHADOW_PER_HEIGHT * height_m
-    sides = [
-        shapely.MultiPoint([first, second, first + away_m, second + away_m]).convex_hull
-        for first, second in zip(footprint, np.roll(footprint, -1, axis=0), strict=True)
-    ]
-    ground = shapely.union_all(sides).difference(shapely.Polygon(footprint))
-    return [
-        np.array(part.exterior.coords)
-        for part in getattr(ground, "geoms", [ground])
-        if part.geom_type == "Polygon" and not part.is_empty
-    ]
+    after = np.roll(footprint, -1, axis=0)
+    return np.stack((footprint, after, after + away_m, footprint + away_m), axis=1)
 
 
 def _label_roof(
@@ -218,6 +221,10 @@ def _note(axes: "Axes", position_m: FloatArray, text: str, color: str) -> None:
 
 
 def _draw_north(axes: "Axes") -> None:
+    from matplotlib.patheffects import withStroke
+
+    # On a dark roof too.
+    halo = [withStroke(linewidth=3.0, foreground="white")]
     axes.annotate(
         "N",
         xy=(0.965, 0.985),
@@ -227,7 +234,13 @@ def _draw_north(axes: "Axes") -> None:
         va="center",
         fontsize=10,
         color=_INK,
-        arrowprops={"arrowstyle": "-|>", "color": _INK, "linewidth": 1.4},
+        arrowprops={
+            "arrowstyle": "-|>",
+            "color": _INK,
+            "linewidth": 1.4,
+            "path_effects": halo,
+        },
+        path_effects=halo,
         zorder=9,
     )
 

@@ -14,7 +14,8 @@ MAX_FILE_BYTES = 2**23
 """About 40,000 buildings; a larger file is more likely the wrong one."""
 _DEEPEST = 20
 _OUTLINE = re.compile(
-    r"(?P<key>^[ \t]+(?:- +)?footprint_m: +)(?P<corners>\[\[[-+0-9.eE,\s\[\]]*\]\])(?=[ \t]*$)",
+    r"(?P<key>^[ \t]+(?:- +)?footprint_m: +)"
+    r"(?P<corners>\[\s*\[[-+0-9.eE,\s\[\]]*\]\s*\])(?=[ \t]*$)",
     re.MULTILINE,
 )
 """The corners are nearly all of a town's map, and YAML takes 30 us for each number: they are read

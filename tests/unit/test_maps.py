@@ -235,7 +235,7 @@ def test_an_error_below_an_outline_of_many_lines_names_its_line(load):
 
 @pytest.mark.parametrize("slip", ["crosses itself", "outside", "height", "repeats", "at least 3"])
 def test_one_slip_among_many_obstacles_is_found(slip):
-    outlines = [np.array(SQUARE) + (0.0, 15.0 * index) for index in range(50)]
+    outlines = [np.add(SQUARE, (0.0, 15.0 * index)) for index in range(50)]
     heights = [10.0] * 50
     if slip == "crosses itself":
         outlines[31] = outlines[31][[0, 2, 1, 3]]
