@@ -14,6 +14,7 @@ from companion.announcing import Announcer
 from companion.arrays import FloatArray
 from companion.commands import Commands
 from companion.guidance.guidance import Proposal, propose
+from companion.guidance.guide import Guide
 from companion.guidance.reasons import Reason
 from companion.guidance.shield import Shield, ShieldDecision
 from companion.guidance.situation import Directive, Outcome, Phase, Plan, Situation, Stream
@@ -94,6 +95,7 @@ class Flight:
         self._positions = Positions(
             mission.map, mission.target, earth_radius_m=vehicle.info.earth_radius_m
         )
+        self._guide = Guide(mission.map, mission.actor.contract.layout)
         self._supervisor = Supervisor(mission.plan, now_s=self._start_s)
         self._metrics = Metrics(start_s=self._start_s, rate_hz=mission.rate_hz)
         self._policy_failures = 0
@@ -182,6 +184,8 @@ class Flight:
         )
         if self._alive is not None:
             self._alive(directive.phase)
+        if pose is not None and target.position_enu_m is not None:
+            self._guide.work(pose.position_enu_m, target.position_enu_m)
         return directive
 
     def _situation(
@@ -239,6 +243,7 @@ class Flight:
             velocity_enu_mps=pose.velocity_enu_mps,
             target_enu_m=target.position_enu_m,
             v_max_mps=self._mission.v_max_mps,
+            ahead=self._guide.ahead(pose.position_enu_m, target.position_enu_m),
         )
         usable = bool(np.isfinite(proposal.velocity_enu_mps).all())
         self._policy_failures = 0 if usable else self._policy_failures + 1

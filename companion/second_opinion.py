@@ -14,6 +14,7 @@ import numpy as np
 
 from companion import clock
 from companion.guidance.guidance import propose
+from companion.guidance.guide import Guide
 from companion.launch import flight_shield
 from companion.policy.actor import Actor
 from companion.recording import actor_record
@@ -52,6 +53,7 @@ class Opinion:
         self._v_max_mps = session.inputs.start.v_max_mps
         actor.check_fits(session.map, self._v_max_mps)
         self._map, self._actor = session.map, actor
+        self._guide = Guide(session.map, actor.contract.layout)
         self._shield = flight_shield(session.config, session.map, self._v_max_mps)
         self.differences_mps: list[float] = []
         self.interventions_then = 0
@@ -62,14 +64,17 @@ class Opinion:
         if tick.proposed_enu_mps is None:
             return tick
         position, velocity = np.array(tick.position_enu_m), np.array(tick.velocity_enu_mps)
+        target = np.array(tick.target_enu_m)
         proposal = propose(
             self._actor,
             self._map,
             position_enu_m=position,
             velocity_enu_mps=velocity,
-            target_enu_m=np.array(tick.target_enu_m),
+            target_enu_m=target,
             v_max_mps=self._v_max_mps,
+            ahead=self._guide.ahead(position, target),
         )
+        self._guide.work(position, target)
         now = msgspec.structs.replace(
             tick,
             observation=_list(proposal.observation),

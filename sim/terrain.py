@@ -37,8 +37,9 @@ class Terrain:
         self.size_m: FloatArray = first.size_m
         self.edge_m = first.edge_m
         self.all_worlds: IntArray = np.arange(num_worlds)
-        self._map_of_world: IntArray = self.all_worlds * len(maps) // num_worlds
-        self._atlas = Atlas.under(maps, self._map_of_world) if len(maps) > 1 else None
+        self.map_of_world: IntArray = self.all_worlds * len(maps) // num_worlds
+        """Which of the maps lies under each world."""
+        self._atlas = Atlas.under(maps, self.map_of_world) if len(maps) > 1 else None
         self.whole = self._over(self._atlas)
         """The map under all worlds: row ``i`` of a query to it belongs to world ``i``."""
 
@@ -48,13 +49,13 @@ class Terrain:
 
     def map_of(self, world: int) -> Map:
         """Return the map under one world."""
-        return self.maps[int(self._map_of_world[world])]
+        return self.maps[int(self.map_of_world[world])]
 
     def take(self, worlds: IntArray) -> "Terrain":
         """Return what lies under some of the worlds, in that order."""
         taken = copy(self)
         taken.all_worlds = np.arange(len(worlds))
-        taken._map_of_world = self._map_of_world[worlds]
+        taken.map_of_world = self.map_of_world[worlds]
         taken._atlas = None if self._atlas is None else self._atlas.take(worlds)
         taken.whole = taken._over(taken._atlas)
         return taken

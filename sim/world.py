@@ -23,7 +23,9 @@ from companion.policy.action import (
 )
 from companion.policy.observation import Layout, build_observation
 from companion.world.maps import Map
+from companion.world.way_ahead import WayAhead
 from sim.episodes import EpisodeEnd, Episodes
+from sim.guides import Guides, Surveyor
 from sim.motion import Dynamics, Motion, crossed_m
 from sim.reward import Reward
 from sim.sampling import sample_free_under
@@ -44,7 +46,8 @@ class CityWorld:
         rng: The only source of randomness.
         horizon: Steps after which an episode is truncated; the paper's T.
         arrival_radius_m: A vehicle closer to its target has arrived (E9).
-        reward: What a step is worth; by default the paper's reward.
+        reward: What a step is worth; by default the paper's reward. Where the layout shows the
+            way, its distance to the target is what is left of the way.
         end_on_contact: Terminate an episode when the vehicle touches an obstacle.
         end_on_arrival: Truncate it when the vehicle arrives. Truncated, because the paper's
             reward pays for every step at the target: ending there without bootstrapping
@@ -58,6 +61,9 @@ class CityWorld:
             ``dt_s = rho_max * edge_m / v_max_mps``.
         step_s: Another step time, for a vehicle with a lag that is asked more often.
         dynamics: How the vehicles move; by default as the paper's kinematic point.
+        targets_per_map: Draw static targets from a pool of so many for each map, with the ways
+            to them found beforehand; for layouts that show the way.
+        surveyor: Remembers ways for other worlds with the same cases.
 
     Raises:
         ValueError: If options contradict each other; the message names them.
@@ -84,6 +90,8 @@ class CityWorld:
         v_max_mps: float = 5.0,
         step_s: float | None = None,
         dynamics: Dynamics | None = None,
+        targets_per_map: int | None = None,
+        surveyor: Surveyor | None = None,
     ) -> None:
         if num_worlds < 1 or horizon < 1:
             raise ValueError(
@@ -102,12 +110,14 @@ class CityWorld:
         self.dynamics = Dynamics() if dynamics is None else dynamics
         if step_s is not None and not (self.dynamics.lag is not None and step_s > 0.0):
             raise ValueError(f"step_s must be positive and needs a lag, got {step_s}")
+        self.reward = Reward() if reward is None else reward
+        if targets_per_map is not None and TargetMotion(target_motion) is TargetMotion.MOVING:
+            raise ValueError("targets_per_map is for static targets")
         self.layout = layout
         self.scaling = scaling
         self.num_worlds = num_worlds
         self.horizon = horizon
         self.arrival_radius_m = arrival_radius_m
-        self.reward = Reward() if reward is None else reward
         self.end_on_contact = end_on_contact
         self.end_on_arrival = end_on_arrival
         self.restart_probability = restart_probability
@@ -124,6 +134,16 @@ class CityWorld:
         self._rng = rng
         self._episodes = Episodes.unstarted(num_worlds)
         self._motion = Motion.at_rest(num_worlds)
+        self._guides: Guides | None = None
+        self._ahead: WayAhead | None = None
+        if layout.shows_way:
+            self._guides = Guides(
+                self._terrain.maps,
+                self._terrain.map_of_world,
+                rng,
+                targets_per_map=targets_per_map,
+                surveyor=surveyor,
+            )
         self._target_enu_m = np.zeros((num_worlds, 3))
         self._paths = (
             TargetPaths.unset(num_worlds)
@@ -152,6 +172,11 @@ class CityWorld:
         """Where the targets are now, after any reset; a copy, ``(N, 3)``."""
         return self._target_enu_m.copy()
 
+    @property
+    def aim_enu_m(self) -> FloatArray:
+        """What psi is measured from and the view is turned to: the way's aim, or the target."""
+        return self._target_enu_m if self._ahead is None else self._ahead.aim_enu_m
+
     def map_of(self, world: int) -> Map:
         """Return the map that one of the worlds lies on."""
         return self._terrain.map_of(world)
@@ -174,7 +199,7 @@ class CityWorld:
             raise ValueError(f"action must be {shape}, got {action.shape}")
         if not np.isfinite(action).all():
             raise ValueError("action must be finite: a vehicle at nan would never come back")
-        bearing_rad = bearing_to_target_rad(self.estimate_enu_m, self._target_enu_m)
+        bearing_rad = bearing_to_target_rad(self.estimate_enu_m, self.aim_enu_m)
         if self.dynamics.lag is None:
             start_enu_m = self._motion.position_enu_m
             self._motion.jump(
@@ -234,8 +259,13 @@ class CityWorld:
         motion = self._motion
         distance_m = _length(self._target_enu_m - motion.position_enu_m)
         contact = crash_depth_m > 0.0
+        if self._guides is not None:
+            self._guides.follow(self._target_enu_m)
+            self._ahead = self._guides.ahead(motion.estimate_enu_m, self._target_enu_m)
+        # Who is shown the way round is paid along it: hovering before a wall pays nothing then.
+        left_m = distance_m if self._ahead is None else np.maximum(distance_m, self._ahead.left_m)
         reward = self.reward.of(
-            distance_m / self.edge_m,
+            left_m / self.edge_m,
             crash_depth_m / self.edge_m,
             None if self._around is None else near_m / self.edge_m,
         )
@@ -294,6 +324,9 @@ class CityWorld:
         taken._paths = self._paths.take(worlds)
         taken._episodes = self._episodes.take(worlds)
         taken._target_enu_m = self._target_enu_m[worlds]
+        if self._guides is not None and self._ahead is not None:
+            taken._guides = self._guides.take(worlds)
+            taken._ahead = self._ahead.take(worlds)
         return taken
 
     def state_dict(self) -> dict[str, Any]:
@@ -322,6 +355,9 @@ class CityWorld:
         for name, array in self._arrays().items():
             array[...] = state["arrays"][name]
         self._rng.bit_generator.state = state["rng"]
+        if self._guides is not None:
+            self._guides.follow(self._target_enu_m)
+            self._ahead = self._guides.ahead(self._motion.estimate_enu_m, self._target_enu_m)
         return self._observe()
 
     def _arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -330,6 +366,7 @@ class CityWorld:
             "target_enu_m": self._target_enu_m,
             **{f"path_{f.name}": getattr(self._paths, f.name) for f in fields(self._paths)},
             **{f"episode_{f.name}": getattr(self._episodes, f.name) for f in fields(Episodes)},
+            **({} if self._guides is None else {"field_of_world": self._guides.field_of_world}),
         }
 
     def _own(self) -> None:
@@ -356,6 +393,8 @@ class CityWorld:
         if self.target_motion is TargetMotion.MOVING:
             speed_mps = self._target_speed_mps
             paths = random_paths_under(under, self._rng, worlds, speed_mps=speed_mps)
+        elif self._guides is not None and self._guides.pool_enu_m is not None:
+            paths = TargetPaths.resting(self._guides.draw(worlds, self._rng))
         else:
             paths = TargetPaths.resting(sample_free_under(under, self._rng, worlds))
         self._paths.put(worlds, paths)
@@ -367,7 +406,22 @@ class CityWorld:
             velocity_enu_mps=self._motion.velocity_enu_mps[worlds],
             target_enu_m=self._target_enu_m[worlds],
             map=under(worlds),
+            ahead=self._look_ahead_from(worlds),
         )
+
+    def _look_ahead_from(self, worlds: IntArray) -> WayAhead | None:
+        """Return the way ahead of worlds that have just been restarted, and note it."""
+        if self._guides is None:
+            return None
+        target_enu_m = self._target_enu_m[worlds]
+        if self._guides.pool_enu_m is None:
+            self._guides.lead(worlds, target_enu_m)
+        ahead = self._guides.ahead(self._motion.estimate_enu_m[worlds], target_enu_m, worlds)
+        if len(worlds) == self.num_worlds:
+            self._ahead = ahead
+        elif self._ahead is not None:
+            self._ahead = self._ahead.with_rows(worlds, ahead)
+        return ahead
 
     def _observe(self) -> Float32Array:
         return build_observation(
@@ -376,6 +430,7 @@ class CityWorld:
             velocity_enu_mps=self._motion.velocity_enu_mps,
             target_enu_m=self._target_enu_m,
             map=self._terrain.whole,
+            ahead=self._ahead,
         )
 
 

@@ -22,6 +22,7 @@ from companion.policy.observation import Layout
 from companion.world.maps import Map
 from sim.dynamics import Disturbance, VelocityLag, VerticalLimits
 from sim.episodes import EpisodeEnd
+from sim.guides import Surveyor
 from sim.motion import Dynamics
 from sim.world import CityWorld
 from training.evaluate import ARRIVAL_RADIUS_M, Evaluation, Policy, summarise
@@ -69,6 +70,7 @@ def evaluate_loop(
     shield: bool = False,
     measure_clearance: bool = False,
     conditions: Conditions | None = None,
+    surveyor: Surveyor | None = None,
     now_s: Callable[[], float],
 ) -> Evaluation:
     """Fly ``episodes`` cases in the control loop and count.
@@ -86,6 +88,7 @@ def evaluate_loop(
         shield: Put the shield behind the policy.
         measure_clearance: Measure the distance to obstacles along the way; slower.
         conditions: The vehicle and the air.
+        surveyor: Remembers the ways, where the same cases are flown again.
         now_s: Clock for ``seconds``.
     """
     began_s = now_s()
@@ -98,6 +101,7 @@ def evaluate_loop(
         v_max_mps,
         moving,
         conditions or Conditions(),
+        surveyor,
     )
     guard = Guard(world, v_max_mps) if shield else None
     books = _Books()
@@ -149,6 +153,7 @@ def _loop_world(
     v_max_mps: float,
     moving: bool,
     conditions: Conditions,
+    surveyor: Surveyor | None,
 ) -> CityWorld:
     patience_s = PATIENCE_EDGES * maps[0].edge_m / v_max_mps
     return CityWorld(
@@ -165,6 +170,7 @@ def _loop_world(
         v_max_mps=v_max_mps,
         step_s=1.0 / RATE_HZ,
         dynamics=conditions.dynamics,
+        surveyor=surveyor,
     )
 
 
@@ -192,7 +198,7 @@ class Guard:
             action,
             world.scaling,
             world.v_max_mps,
-            bearing_to_target_rad(position_m, world.target_enu_m),
+            bearing_to_target_rad(position_m, world.aim_enu_m),
         )
         sent_mps = np.empty_like(wanted_mps)
         for row, shield in enumerate(self._shields):

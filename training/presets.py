@@ -42,7 +42,7 @@ from sim.reward import Reward
 
 PresetName = Literal["paper", "flight"]
 StageName = Literal["free", "obstacles"]
-LayoutName = Literal["paper", "relative", "rays"]
+LayoutName = Literal["paper", "relative", "rays", "ways"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +225,7 @@ _FLYING = Dynamics(
 _FLIGHT_FREE = Preset(
     name="flight",
     stage="free",
-    layout_name="rays",
+    layout_name="ways",
     rho_max=0.1,
     world=WorldOptions(
         horizon=60,

@@ -13,6 +13,7 @@ from companion.policy.action import (
 from companion.policy.actor import Actor
 from companion.policy.observation import build_observation
 from companion.world.maps import Map
+from companion.world.way_ahead import WayAhead
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +39,7 @@ def propose(
     velocity_enu_mps: FloatArray,
     target_enu_m: FloatArray,
     v_max_mps: float,
+    ahead: WayAhead | None = None,
 ) -> Proposal:
     """Ask the actor where to fly.
 
@@ -48,6 +50,7 @@ def propose(
         velocity_enu_mps: Of the vehicle, shape ``(3,)``.
         target_enu_m: Shape ``(3,)``.
         v_max_mps: Speed of the longest step the actor can ask for: ``v_max * rho / rho_max``.
+        ahead: The way ahead, for actors that see it; psi is then measured from its aim.
 
     Returns:
         The proposal. An actor that answers with NaN gets a NaN velocity here: it is for the
@@ -59,11 +62,13 @@ def propose(
         velocity_enu_mps=velocity_enu_mps,
         target_enu_m=target_enu_m,
         map=map,
+        ahead=ahead,
     )
     action = actor.act(observation)
     scaling = actor.contract.action
+    aim_enu_m = target_enu_m if ahead is None else ahead.aim_enu_m
     rho, phi_rad, psi_rad = to_spherical(
-        action, scaling, bearing_to_target_rad(position_enu_m, target_enu_m)
+        action, scaling, bearing_to_target_rad(position_enu_m, aim_enu_m)
     )
     return Proposal(
         observation=observation,

@@ -15,11 +15,15 @@ import numpy.typing as npt
 from companion.arrays import Float32Array, FloatArray
 from companion.policy.action import MIN_BEARING_DISTANCE_M, bearing_to_target_rad
 from companion.world.maps import Map
+from companion.world.way_ahead import WayAhead
 
 NUM_RAYS = 24
 RAYS_RANGE_M = 50.0
 RAYS_UNIT_M = 100.0
 RAYS_SPEED_MPS = 10.0
+WAYS_TURN_M = 25.0
+WAYS_LEFT_M = 200.0
+WAYS_CLOSE_M = 5.0
 _FAN_RAD = np.arange(NUM_RAYS) * (2.0 * np.pi / NUM_RAYS)
 
 
@@ -41,6 +45,8 @@ class Situation:
     velocity_enu_mps: FloatArray
     target_enu_m: FloatArray
     map: Map
+    ahead: WayAhead | None = None
+    """Of layouts that show it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +60,9 @@ class Layout:
     """Writes the columns into its first argument, shape ``(..., len(fields))``."""
     sees_obstacles: bool = False
     """Whether columns tell of obstacles; else an actor can only learn a map by heart."""
+    shows_way: bool = False
+    """Whether columns tell of the way round. The view, and psi with it, are then turned toward
+    the aim, the farthest point of the way in sight, instead of toward the target."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -115,18 +124,69 @@ def _fill_rays(out: Float32Array, situation: Situation) -> None:
     out[..., 7] = (height_m - obstacles.floor_m(position_m)) / RAYS_UNIT_M
 
     bearing_rad = bearing_to_target_rad(situation.position_enu_m, situation.target_enu_m)
-    cos, sin = np.cos(bearing_rad), np.sin(bearing_rad)
-    east_mps, north_mps, up_mps = np.moveaxis(situation.velocity_enu_mps, -1, 0)
-    out[..., 8] = (east_mps * cos + north_mps * sin) / RAYS_SPEED_MPS
-    out[..., 9] = (north_mps * cos - east_mps * sin) / RAYS_SPEED_MPS
-    out[..., 10] = up_mps / RAYS_SPEED_MPS
-
+    _fill_velocity(out[..., 8:11], situation, bearing_rad)
     wall_m, roof_m = obstacles.horizontal_rays(
         position_m, bearing_rad[..., None] + _FAN_RAD, RAYS_RANGE_M
     )
     out[..., 11 : 11 + NUM_RAYS] = wall_m / RAYS_RANGE_M
     left_m = np.where(roof_m > 0.0, roof_m - height_m[..., None], 0.0)
     out[..., 11 + NUM_RAYS :] = left_m / RAYS_UNIT_M
+
+
+def _fill_velocity(out: Float32Array, situation: Situation, bearing_rad: FloatArray) -> None:
+    ahead_mps, left_mps, up_mps = _turned(situation.velocity_enu_mps, bearing_rad)
+    out[..., 0] = ahead_mps / RAYS_SPEED_MPS
+    out[..., 1] = left_mps / RAYS_SPEED_MPS
+    out[..., 2] = up_mps / RAYS_SPEED_MPS
+
+
+def _turned(
+    vector_enu: FloatArray, bearing_rad: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the parts of vectors ``(..., 3)`` ahead, to the left and up."""
+    east, north, up = np.moveaxis(vector_enu, -1, 0)
+    cos, sin = np.cos(bearing_rad), np.sin(bearing_rad)
+    return east * cos + north * sin, north * cos - east * sin, up
+
+
+def _fill_ways(out: Float32Array, situation: Situation) -> None:
+    way = situation.ahead
+    if way is None:
+        raise ValueError("layout ways shows the way ahead: it must be given")
+    position_m, target_m = np.broadcast_arrays(situation.position_enu_m, situation.target_enu_m)
+    obstacles, height_m = situation.map.obstacles, position_m[..., 2]
+    bearing_rad = bearing_to_target_rad(position_m, way.aim_enu_m)
+
+    to_aim_m = way.aim_enu_m - position_m
+    horizontal_m = np.hypot(to_aim_m[..., 0], to_aim_m[..., 1])
+    distance_m = np.hypot(horizontal_m, to_aim_m[..., 2])
+    out[..., 0] = horizontal_m / RAYS_UNIT_M
+    out[..., 1] = to_aim_m[..., 2] / RAYS_UNIT_M
+    _fill_polar(out[..., 2:4], horizontal_m, to_aim_m[..., 2], distance_m)
+    for column, part_m in enumerate(_turned(way.beyond_enu_m - way.aim_enu_m, bearing_rad)):
+        out[..., 4 + column] = part_m / WAYS_TURN_M
+    for column, part_m in enumerate(_turned(target_m - position_m, bearing_rad)):
+        out[..., 7 + column] = part_m / RAYS_UNIT_M
+    out[..., 10] = np.sqrt(np.square(target_m - position_m).sum(axis=-1)) / RAYS_UNIT_M
+    out[..., 11] = way.left_m / WAYS_LEFT_M
+    out[..., 12] = height_m / RAYS_UNIT_M
+    out[..., 13] = (situation.map.size_m[2] - height_m) / RAYS_UNIT_M
+    out[..., 14] = _closeness(height_m - obstacles.floor_m(position_m))
+    _fill_velocity(out[..., 15:18], situation, bearing_rad)
+
+    wall_m, roof_m = obstacles.horizontal_rays(
+        position_m, bearing_rad[..., None] + _FAN_RAD, RAYS_RANGE_M
+    )
+    out[..., 18 : 18 + NUM_RAYS] = _closeness(wall_m)
+    left_m = np.where(roof_m > 0.0, roof_m - height_m[..., None], 0.0)
+    out[..., 18 + NUM_RAYS :] = left_m / RAYS_UNIT_M
+
+
+def _closeness(distance_m: FloatArray) -> FloatArray:
+    """Return 0 at an obstacle, 0.5 at 5 m, nearly 1 far off: fine where it matters."""
+    at_least_m = np.maximum(distance_m, 0.0)
+    closeness: FloatArray = at_least_m / (at_least_m + WAYS_CLOSE_M)
+    return closeness
 
 
 PAPER = Layout(
@@ -200,8 +260,55 @@ Rays run horizontally at the vehicle's height, the first toward the target, then
 a fixed unit, not the map's edge: nothing in it depends on the size of the map.
 """
 
+WAYS = Layout(
+    name="ways",
+    version=1,
+    fields=(
+        Field("aim_ahead", 0.0, 1.5, "aim, horizontal distance / 100 m"),
+        Field("aim_up", -1.0, 1.0, "aim minus vehicle, up / 100 m"),
+        Field("aim_polar_sin", 0.0, 1.0, "sine of the aim's polar angle"),
+        Field("aim_polar_cos", -1.0, 1.0, "cosine of the aim's polar angle"),
+        Field("turn_ahead", -1.0, 1.0, "the way behind the aim, ahead / 25 m"),
+        Field("turn_left", -1.0, 1.0, "the way behind the aim, to the left / 25 m"),
+        Field("turn_up", -1.0, 1.0, "the way behind the aim, up / 25 m"),
+        Field("target_ahead", -1.5, 1.5, "target minus vehicle, ahead / 100 m"),
+        Field("target_left", -1.5, 1.5, "target minus vehicle, left / 100 m"),
+        Field("target_up", -1.0, 1.0, "target minus vehicle, up / 100 m"),
+        Field("distance", 0.0, 2.0, "vehicle to target / 100 m"),
+        Field("way_left", 0.0, 2.0, "rest of the way, as level flight / 200 m"),
+        Field("height", 0.0, 1.0, "vehicle above the ground / 100 m"),
+        Field("headroom", 0.0, 1.0, "vehicle below the ceiling / 100 m"),
+        Field("floor", 0.0, 1.0, "d / (d + 5 m), d above roof or ground"),
+        Field("velocity_ahead", -1.0, 1.0, "toward the aim, horizontal / 10 m/s"),
+        Field("velocity_left", -1.0, 1.0, "left of the aim / 10 m/s"),
+        Field("velocity_up", -1.0, 1.0, "up / 10 m/s"),
+        *(
+            Field(
+                f"wall_{ray:02d}",
+                0.0,
+                1.0,
+                f"wall {ray * 360 // NUM_RAYS} deg to the left, d / (d + 5 m)",
+            )
+            for ray in range(NUM_RAYS)
+        ),
+        *(
+            Field(f"roof_{ray:02d}", 0.0, 1.0, "its roof above the vehicle / 100 m")
+            for ray in range(NUM_RAYS)
+        ),
+    ),
+    fill=_fill_ways,
+    sees_obstacles=True,
+    shows_way=True,
+)
+"""The way round and what surrounds the vehicle, turned so that the next leg lies ahead.
+
+Rays alone cannot see the way out of a court or round a long block: ``companion.world.ways`` knows
+it. The action's psi is measured from the bearing to the aim, so that the zero action flies along
+the way. Rays as in ``rays``, but near walls are told apart more finely than far ones.
+"""
+
 LAYOUTS: Mapping[str, Layout] = MappingProxyType(
-    {layout.name: layout for layout in (PAPER, RELATIVE, RAYS)}
+    {layout.name: layout for layout in (PAPER, RELATIVE, RAYS, WAYS)}
 )
 
 
@@ -212,6 +319,7 @@ def build_observation(
     velocity_enu_mps: npt.NDArray[np.floating],
     target_enu_m: npt.NDArray[np.floating],
     map: Map,
+    ahead: WayAhead | None = None,
 ) -> Float32Array:
     """Return what the actor sees, clipped to the layout's bounds.
 
@@ -223,6 +331,7 @@ def build_observation(
         velocity_enu_mps: Vehicle in map ENU, shape ``(..., 3)``.
         target_enu_m: Target in map ENU, shape ``(..., 3)``.
         map: Where both are; its edge normalises lengths.
+        ahead: The way ahead, of as many rows; for layouts that show it.
 
     Returns:
         Shape ``(..., len(layout.fields))``, float32. Numbers that are not finite pass through.
@@ -232,6 +341,7 @@ def build_observation(
         np.asarray(velocity_enu_mps, dtype=np.float64),
         np.asarray(target_enu_m, dtype=np.float64),
         map,
+        ahead,
     )
     batch = np.broadcast_shapes(
         situation.position_enu_m.shape[:-1], situation.target_enu_m.shape[:-1]

@@ -5,7 +5,7 @@ of one shape, each with a field of its own.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,8 @@ _ENDS_M = 0.75
 """Vehicle, target and centres of cells may stand close to a wall."""
 _CLOSE_M = 4.0
 _MOST_AIMS = 200
+_BEYOND_M = 1e5
+"""No map reaches as far."""
 _AROUND = MOVES[:HERE]
 _SHARE = ((np.arange(_SAMPLES) + 0.5) / _SAMPLES).astype(np.float32)[:, None, None]
 
@@ -49,19 +51,27 @@ class WayAhead:
         unknown = np.zeros(way_m.shape[:-1], dtype=np.bool_)
         return cls(aim_enu_m, aim_enu_m, np.sqrt(np.square(way_m).sum(axis=-1)), unknown)
 
+    def take(self, rows: IntArray | int) -> "WayAhead":
+        """Return some of the rows, or one as it is alone."""
+        return WayAhead(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    def with_rows(self, rows: IntArray, other: "WayAhead") -> "WayAhead":
+        """Return a copy in which some rows are those of another."""
+        columns = [getattr(self, f.name).copy() for f in fields(self)]
+        for column, f in zip(columns, fields(self), strict=True):
+            column[rows] = getattr(other, f.name)
+        return WayAhead(*columns)
+
 
 class Ways:
-    """Fields over grids of one shape, laid end to end for batches.
+    """Fields over grids of one shape, laid end to end for batches; at first none is known.
 
     Args:
         grids: All of one shape and one lowest corner.
-        fields: Those to answer from.
-        grid_of_field: Shape ``(F,)``.
+        grid_of_field: On which of them each field lies, shape ``(F,)``.
     """
 
-    def __init__(
-        self, grids: Sequence[WayGrid], fields: Sequence[WayField], grid_of_field: IntArray
-    ) -> None:
+    def __init__(self, grids: Sequence[WayGrid], grid_of_field: IntArray) -> None:
         first = grids[0]
         self._low_m, self._shape = first.low_m, np.array(first.shape)
         self._cells = int(np.prod(first.shape))
@@ -74,8 +84,15 @@ class Ways:
         )
         self._margin_stride = len(self._skyline_m) // 2
         self._grid_of_field = grid_of_field
-        self._cost_m: npt.NDArray[np.float16] = np.concatenate([f.cost_m.ravel() for f in fields])
-        self._move: npt.NDArray[np.uint8] = np.concatenate([f.move.ravel() for f in fields])
+        entries = len(grid_of_field) * self._cells
+        self._cost_m: npt.NDArray[np.float16] = np.full(entries, np.inf, dtype=np.float16)
+        self._move: npt.NDArray[np.uint8] = np.full(entries, HERE, dtype=np.uint8)
+
+    def put(self, number: int, field: WayField) -> None:
+        """Make a field known, or replace it."""
+        entries = slice(number * self._cells, (number + 1) * self._cells)
+        self._cost_m[entries] = field.cost_m.ravel()
+        self._move[entries] = field.move.ravel()
 
     def ahead(
         self, field: IntArray, position_enu_m: FloatArray, target_enu_m: FloatArray
@@ -87,7 +104,11 @@ class Ways:
             position_enu_m: Shape ``(N, 3)``.
             target_enu_m: Where the target is now, ``(N, 3)``; a few metres from the field's at
                 most.
+
+        Positions that are not finite get some answer, and no error.
         """
+        position_enu_m = np.where(np.isfinite(position_enu_m), position_enu_m, 0.0)
+        np.clip(position_enu_m, -_BEYOND_M, _BEYOND_M, out=position_enu_m)
         node = self._grid_of_field[field] * (self._nodes[0] * self._nodes[1])
         entry = field * self._cells
         cell = self._cell_of(position_enu_m)

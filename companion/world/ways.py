@@ -23,6 +23,8 @@ from companion.world.skyline import BESIDE, FAR, NEAR, Skyline
 CELL_M = 2.5
 WINDOW_CELLS = 64
 """Of a larger map only so many cells east and north are looked at: 160 m."""
+RENEW_M = 4.0
+"""A target that has moved no farther keeps its field: the last leg is flown by sight."""
 HERE = 26
 """The move of a cell that sees the target, or of one from which there is no way."""
 _NODES = 4
@@ -60,7 +62,7 @@ def finish(work: Iterator[_T | None]) -> _T:
     raise RuntimeError("the work ended without a result")
 
 
-def _through(work: Iterator[_T | None]) -> Generator[None, None, _T]:
+def through(work: Iterator[_T | None]) -> Generator[None, None, _T]:
     """Pass on the parts of some work and return its result."""
     for result in work:
         if result is not None:
@@ -107,7 +109,7 @@ class WayGrid:
                 cells[axis], low_m[axis] = WINDOW_CELLS, first * CELL_M
         x, y, z = (int(count) for count in cells)
         nodes = (x * _NODES + 1, y * _NODES + 1)
-        skyline = yield from _through(Skyline.survey(city, low_m[:2], nodes, CELL_M / _NODES))
+        skyline = yield from through(Skyline.survey(city, low_m[:2], nodes, CELL_M / _NODES))
 
         height_m = (low_m[2] + CELL_M * (np.arange(z) + 0.5)).astype(np.float32)
         factor = np.ones((x, y, z), dtype=np.float32)

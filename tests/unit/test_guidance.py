@@ -7,6 +7,7 @@ from companion.guidance.guidance import propose, straight_at_target_mps
 from companion.policy.action import PAPER_SCALING, TARGET_SCALING
 from companion.policy.observation import LAYOUTS, build_observation
 from companion.world.maps import build_map
+from companion.world.way_ahead import WayAhead
 
 CITY = build_map("empty", (100, 100, 100), [], [])
 
@@ -24,7 +25,7 @@ class ConstantActor:
         return self.answer
 
 
-def ask(actor, position=(10.0, 20.0, 30.0), target=(40.0, 60.0, 30.0)):
+def ask(actor, position=(10.0, 20.0, 30.0), target=(40.0, 60.0, 30.0), ahead=None):
     return propose(
         actor,
         CITY,
@@ -32,6 +33,7 @@ def ask(actor, position=(10.0, 20.0, 30.0), target=(40.0, 60.0, 30.0)):
         velocity_enu_mps=np.zeros(3),
         target_enu_m=np.array(target),
         v_max_mps=5.0,
+        ahead=ahead,
     )
 
 
@@ -63,15 +65,25 @@ def test_the_zero_action_measured_from_the_target_flies_straight_at_it():
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_the_actor_sees_what_it_was_trained_on(layout):
     actor = ConstantActor([0, 0, 0], PAPER_SCALING, layout)
-    proposal = ask(actor)
+    position, target = np.array([10.0, 20.0, 30.0]), np.array([40.0, 60.0, 30.0])
+    ahead = WayAhead.straight(position, target) if LAYOUTS[layout].shows_way else None
+    proposal = ask(actor, ahead=ahead)
     expected = build_observation(
         LAYOUTS[layout],
-        position_enu_m=np.array([10.0, 20.0, 30.0]),
+        position_enu_m=position,
         velocity_enu_mps=np.zeros(3),
-        target_enu_m=np.array([40.0, 60.0, 30.0]),
+        target_enu_m=target,
         map=CITY,
+        ahead=ahead,
     )
     assert proposal.observation.tolist() == actor.saw.tolist() == expected.tolist()
+
+
+def test_the_zero_action_of_an_actor_that_sees_the_way_flies_along_it():
+    east, north = np.array([60.0, 20.0, 30.0]), np.array([10.0, 90.0, 30.0])
+    ahead = WayAhead(east, north, np.array(150.0), np.array(True))
+    proposal = ask(ConstantActor([1, 0, 0], TARGET_SCALING, "ways"), target=north, ahead=ahead)
+    assert proposal.velocity_enu_mps == pytest.approx([5.0, 0.0, 0.0], abs=1e-6)
 
 
 def test_an_actor_that_answers_nan_proposes_nan():

@@ -14,19 +14,21 @@ from companion.policy.observation import (
     describe_layout,
 )
 from companion.world.maps import load_map
+from companion.world.way_ahead import WayAhead
 
 FREE = load_map("free")
 points = arrays(np.float64, (4, 3), elements=st.floats(0.0, 100.0))
 
 
 def observe(layout, position, target):
-    position = np.asarray(position, dtype=np.float64)
+    position, target = (np.asarray(point, dtype=np.float64) for point in (position, target))
     return build_observation(
         layout,
         position_enu_m=position,
         velocity_enu_mps=np.zeros_like(position),
-        target_enu_m=np.asarray(target, dtype=np.float64),
+        target_enu_m=target,
         map=FREE,
+        ahead=WayAhead.straight(position, target) if layout.shows_way else None,
     )
 
 

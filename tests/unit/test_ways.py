@@ -20,7 +20,13 @@ THIN = build_map("thin", SMALL, [[[14, 0], [14.2, 0], [14.2, 20], [14, 20]]], [2
 def ways_to(city, target):
     grid = finish(WayGrid.build(city))
     field = finish(WayField.spread(grid, np.array(target, dtype=np.float64)))
-    return grid, field, Ways([grid], [field], np.array([0]))
+    return grid, field, over(grid, field)
+
+
+def over(grid, field):
+    ways = Ways([grid], np.array([0]))
+    ways.put(0, field)
+    return ways
 
 
 def ask(ways, positions, target) -> WayAhead:
@@ -180,7 +186,7 @@ def test_a_large_map_is_seen_through_a_window_that_makes_for_far_targets():
     assert grid.shape[0] * CELL_M <= 160.0
     assert grid.holds(here)
     field = finish(WayField.spread(grid, target))
-    ahead = ask(Ways([grid], [field], np.array([0])), here, target)
+    ahead = ask(over(grid, field), here, target)
     assert ahead.known[0]
     assert city.obstacles.crash_depth_m(here, ahead.aim_enu_m[0]) == 0.0
     assert ahead.left_m[0] > 910.0
@@ -196,16 +202,15 @@ def test_rows_of_several_grids_and_fields_are_answered_as_alone():
         finish(WayField.spread(grids[grid], target))
         for grid, target in zip(grid_of_field, targets, strict=True)
     ]
-    ways = Ways(grids, fields, grid_of_field)
+    ways = Ways(grids, grid_of_field)
+    for number, field in enumerate(fields):
+        ways.put(number, field)
     chosen = rng.integers(6, size=40)
     position = rng.uniform(0.0, 100.0, (40, 3))
     together = ways.ahead(chosen, position, targets[chosen])
     for row, field in enumerate(chosen):
-        alone = ask(
-            Ways([grids[grid_of_field[field]]], [fields[field]], np.array([0])),
-            position[row],
-            targets[field],
-        )
+        single = over(grids[grid_of_field[field]], fields[field])
+        alone = ask(single, position[row], targets[field])
         np.testing.assert_array_equal(together.aim_enu_m[row], alone.aim_enu_m[0])
         np.testing.assert_array_equal(together.beyond_enu_m[row], alone.beyond_enu_m[0])
         assert together.left_m[row] == alone.left_m[0]
