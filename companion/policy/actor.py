@@ -83,6 +83,11 @@ class Actor:
         action: Float32Array = self._session.run(self._output, {self._input: rows})[0]
         return np.clip(action, -1.0, 1.0).reshape(*observation.shape[:-1], ACTION_SIZE)
 
+    @property
+    def flies_on_any_edge(self) -> bool:
+        """Return whether the map's edge is in nothing that it sees: its units are its own."""
+        return self.contract.map is None and self.contract.layout.sees_obstacles
+
     def check_fits(self, city: Map, v_max_mps: float) -> None:
         """Refuse a map or a speed the actor was not made for.
 
@@ -102,7 +107,8 @@ class Actor:
                 f"train on this map or choose an actor free of maps"
             )
         low_m, high_m = dynamics.edge_low_m, dynamics.edge_high_m
-        if not low_m - _EDGE_TOLERANCE_M <= city.edge_m <= high_m + _EDGE_TOLERANCE_M:
+        fits = low_m - _EDGE_TOLERANCE_M <= city.edge_m <= high_m + _EDGE_TOLERANCE_M
+        if not fits and not self.flies_on_any_edge:
             raise ActorError(
                 f"actor {self.name} flies on map edges of {low_m:g} to {high_m:g} m, "
                 f"map {city.name} has {city.edge_m:g} m"
@@ -137,12 +143,14 @@ def describe_actor(actor: Actor) -> str:
     v_max = "any" if dynamics.v_max_mps is None else f"up to {dynamics.v_max_mps:g} m/s"
     lag = dynamics.velocity_lag_s
     lag_text = "none" if lag is None else f"{lag[0]:g} to {lag[1]:g} s"
+    edges = f"{dynamics.edge_low_m:g} to {dynamics.edge_high_m:g} m"
+    if actor.flies_on_any_edge:
+        edges = "any: sees what is near"
     lines = [
         f"actor     {actor.name}",
         f"sha256    {actor.sha256}",
         f"map       {place}",
-        f"edge      {dynamics.edge_m:g} m, "
-        f"flies on {dynamics.edge_low_m:g} to {dynamics.edge_high_m:g} m",
+        f"edge      {dynamics.edge_m:g} m, flies on {edges}",
         f"step      {step}; speed {v_max}; velocity lag {lag_text}",
         f"action    rho {scaling.rho_min:g} to {scaling.rho_max:g} of the edge, "
         f"phi {scaling.polar_low_rad:.4g} to {scaling.polar_high_rad:.4g} rad,",

@@ -22,7 +22,7 @@ from companion.policy.contract import (
     ObservationContract,
     encode_contract,
 )
-from companion.policy.observation import RELATIVE
+from companion.policy.observation import RAYS, RELATIVE
 from companion.world.maps import load_map
 
 FREE = load_map("free")
@@ -211,6 +211,24 @@ def test_an_actor_free_of_maps_fits_edges_within_its_range(tmp_path):
     for edge_m in (49.9, 400.1):
         with pytest.raises(ActorError, match="map edges of 50 to 400 m"):
             actor.check_fits(dataclasses.replace(FREE, edge_m=edge_m), 5.0)
+
+
+def test_an_actor_that_sees_obstacles_flies_on_any_edge(tmp_path):
+    contract = make_contract(observation=ObservationContract.of(RAYS))
+    path = make_file(tmp_path / "a.onnx", metadata=contract, columns=len(RAYS.fields))
+    actor = Actor.load(path)
+    for edge_m in (10.0, 10_000.0):
+        actor.check_fits(dataclasses.replace(FREE, edge_m=edge_m), 5.0)
+    assert "flies on any" in describe_actor(actor)
+    bound = make_file(
+        tmp_path / "b.onnx",
+        metadata=msgspec.structs.replace(
+            contract, map=MapContract(FREE.name, FREE.content_hash), avoids_obstacles=True
+        ),
+        columns=len(RAYS.fields),
+    )
+    with pytest.raises(ActorError, match="map edges of 50 to 400 m"):
+        Actor.load(bound).check_fits(dataclasses.replace(FREE, edge_m=401.0), 5.0)
 
 
 def test_a_bound_actor_refuses_every_other_map_and_names_both(tmp_path):
