@@ -19,17 +19,24 @@ _BAND_FINDINGS = {
     ("shield", "inside the margin"): "the vehicle was INSIDE THE MARGIN",
     ("shield", "blocked"): "the shield found no safe way on",
 }
-_USUAL = ("handing over: ", "blind travel ", "done: ")
+_USUAL = ("blind travel ", "done: ")
 """What the companion says with emphasis in a flight where nothing is wrong."""
+
+
+def is_grave(event: Event) -> bool:
+    """Return whether a line should not be missed."""
+    return event.severity <= Severity.WARNING and not _is_usual(event.text)
+
+
+def _is_usual(text: str) -> bool:
+    return text.startswith(_USUAL) or (
+        text.startswith("handing over") and "from the target" in text
+    )
 
 
 def findings(flight: Flight) -> list[Event]:
     """Return what stands out, in order; lines of one kind that follow each other are one."""
-    grave = [
-        event
-        for event in flight.events
-        if event.severity <= Severity.WARNING and not event.text.startswith(_USUAL)
-    ]
+    grave = [event for event in flight.events if is_grave(event)]
     found = [*grave, *_of_bands(flight), *_of_curves(flight)]
     return _joined(sorted(found, key=lambda event: event.time_s))
 

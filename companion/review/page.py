@@ -11,13 +11,12 @@ import numpy as np
 
 from companion.errors import CompanionError, UsageError
 from companion.review import show
-from companion.review.findings import findings
+from companion.review.findings import findings, is_grave
 from companion.review.plan_svg import plan
 from companion.review.svg import Span, bands, clock_text, plot
 from companion.review.words import spoken
 from companion.session.flight import CurveData, Flight
 from companion.session.records import Event
-from companion.vehicle import Severity
 
 _TILES = (
     *("Duration", "In the air", "Distance flown", "Highest speed", "Smallest clearance"),
@@ -32,6 +31,7 @@ _ORDER = (
     "plots/health/battery",
 )
 _MOST_MARKS = 40
+_WINDOW = (1800, 1000)
 
 
 def write_page(flight: Flight, folder: Path, *, at_s: float | None = None) -> Path:
@@ -42,54 +42,55 @@ def write_page(flight: Flight, folder: Path, *, at_s: float | None = None) -> Pa
     Raises:
         UsageError: If the folder cannot be written to.
     """
-    picture, why = _picture(flight, at_s)
-    body = [_header(flight), _stands_out(findings(flight)), _tiles(flight)]
-    body.append('<section class="scene">')
-    body.append(f"<figure>{plan(flight)}<figcaption>From above, north up</figcaption></figure>")
-    if picture:
-        body.append(
-            f'<figure class="wide"><img alt="the flight in the viewer" src="{picture}">'
-            "<figcaption>In the viewer: companion review opens it</figcaption></figure>"
-        )
-    else:
-        body.append(f"<p class=note>No picture of the viewer: {html.escape(why)}</p>")
-    body += ["</section>", _plots(flight), _events(flight), _table(flight)]
-    return _write(folder, flight.title, "".join(body))
-
-
-def _picture(flight: Flight, at_s: float | None) -> tuple[str, str]:
-    """Return the picture as a data URL, or why there is none."""
-    with tempfile.TemporaryDirectory(prefix="companion-page-") as scratch:
-        png = Path(scratch) / "picture.png"
-        try:
-            show.render_png(flight, png, at_s=at_s, size=(1600, 900))
-        except CompanionError as error:
-            return "", str(error)
-        return f"data:image/png;base64,{base64.b64encode(png.read_bytes()).decode()}", ""
-
-
-def _header(flight: Flight) -> str:
-    grave = flight.summary.exit_code != 0 if flight.summary is not None else False
+    grave = flight.summary is not None and flight.summary.exit_code != 0
     settings = " · ".join(
         f"<span>{html.escape(name)} <b>{html.escape(value)}</b></span>"
         for name, value in flight.settings
     )
+    above = f"<figure>{plan(flight)}<figcaption>From above, north up</figcaption></figure>"
+    body = [
+        header(flight.title, flight.result, settings, grave=grave),
+        stands_out(findings(flight), "What stands out"),
+        _tiles(flight),
+        f"<section class=scene>{above}{picture_of(flight, at_s)}</section>",
+        _plots(flight),
+        _events(flight),
+        _table(flight),
+    ]
+    return write_html(folder, flight.title, "".join(body))
+
+
+def picture_of(flight: Flight, at_s: float | None) -> str:
+    """Return the scene as the viewer draws it, or a line on why there is no picture."""
+    with tempfile.TemporaryDirectory(prefix="companion-page-") as scratch:
+        png = Path(scratch) / "picture.png"
+        try:
+            show.render_png(flight, png, at_s=at_s, size=_WINDOW, view="City")
+        except CompanionError as error:
+            return f"<p class=note>No picture of the viewer: {html.escape(str(error))}</p>"
+        data = base64.b64encode(png.read_bytes()).decode()
     return (
-        f'<header class="{"bad" if grave else "good"}"><h1>{html.escape(flight.title)}</h1>'
-        f"<p class=result>{html.escape(flight.result)}</p><p class=settings>{settings}</p></header>"
+        f'<figure><img alt="the scene" src="data:image/png;base64,{data}">'
+        "<figcaption>companion review opens it in the viewer</figcaption></figure>"
     )
 
 
-def _stands_out(found: Sequence[Event]) -> str:
+def header(title: str, result: str, settings: str, *, grave: bool) -> str:
+    """Return the head of a page; ``settings`` is HTML, the others are words."""
+    return (
+        f'<header class="{"bad" if grave else "good"}"><h1>{html.escape(title)}</h1>'
+        f"<p class=result>{html.escape(result)}</p><p class=settings>{settings}</p></header>"
+    )
+
+
+def stands_out(found: Sequence[Event], title: str) -> str:
+    """Return the list of what to read first."""
     lines = "".join(
         f"<li><time>{clock_text(round(event.time_s, 1))}</time> {html.escape(spoken(event))}</li>"
         for event in found
     )
-    return (
-        "<section class=found><h2>What stands out</h2>"
-        + (f"<ul>{lines}</ul>" if lines else "<p>Nothing.</p>")
-        + "</section>"
-    )
+    shown = f"<ul>{lines}</ul>" if lines else "<p>Nothing.</p>"
+    return f"<section class=found><h2>{html.escape(title)}</h2>{shown}</section>"
 
 
 def _tiles(flight: Flight) -> str:
@@ -166,7 +167,7 @@ def _events(flight: Flight) -> str:
 
 
 def _weight(event: Event) -> str:
-    return "grave" if event.severity <= Severity.WARNING else ""
+    return "grave" if is_grave(event) else ""
 
 
 def _table(flight: Flight) -> str:
@@ -177,7 +178,12 @@ def _table(flight: Flight) -> str:
     return f"<section><h2>Figures</h2><table class=figures>{rows}</table></section>"
 
 
-def _write(folder: Path, title: str, body: str) -> Path:
+def write_html(folder: Path, title: str, body: str) -> Path:
+    """Write ``index.html`` and return its path.
+
+    Raises:
+        UsageError: If the folder cannot be written to.
+    """
     style = files("companion.review").joinpath("page.css").read_text(encoding="utf-8")
     page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'

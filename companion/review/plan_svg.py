@@ -2,7 +2,7 @@
 
 import html
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -22,9 +22,14 @@ _MOST_PIECES = 1500
 
 def plan(flight: Flight) -> str:
     """Return the map from above, north up, with the paths on it; empty without a path."""
-    city = flight.city
-    if city is None or not len(flight.vehicle.time_s):
+    if flight.city is None or not len(flight.vehicle.time_s):
         return ""
+    tracks = [("target", flight.target, colors.TARGET), ("", flight.vehicle, colors.MEASURED)]
+    return plan_of(flight.city, tracks)
+
+
+def plan_of(city: City, tracks: Sequence[tuple[str, Track, Color]]) -> str:
+    """Return the map from above with some paths, each with its name at its end."""
     east_m, north_m, _ = city.size_m
     scale = (_SIDE - 2 * _RIM) / max(east_m, north_m)
     wide, high = east_m * scale + 2 * _RIM, north_m * scale + 2 * _RIM
@@ -49,9 +54,13 @@ def plan(flight: Flight) -> str:
             f'<text class="word dark" x="{x:.1f}" y="{y + 3:.1f}" text-anchor="middle">'
             f"{height_m:g} m</text>"
         )
-    parts += _track(flight.target, place, colors.TARGET, 1.4)
-    parts += _track(flight.vehicle, place, colors.MEASURED, 2.2)
-    parts += _ends(flight, place)
+    for name, track, color in tracks:
+        parts += _track(track, place, color, 2.2 if name != "target" else 1.4)
+    for name, track, color in tracks:
+        if len(track.time_s):
+            if name != "target":
+                parts.append(_point(place(track.position_enu_m[0])[0], "start", colors.IDLE))
+            parts.append(_point(place(track.position_enu_m[-1])[0], name or "end", color))
     parts.append(f'<text class="tick" x="{wide / 2:.0f}" y="12" text-anchor="middle">north</text>')
     return "".join([*parts, "</svg>"])
 
@@ -91,18 +100,10 @@ def _track(track: Track, place: Place, plain: Color, width: float) -> list[str]:
     return parts
 
 
-def _ends(flight: Flight, place: Place) -> list[str]:
-    parts = []
-    for track, index, name, color in (
-        (flight.vehicle, 0, "start", colors.IDLE),
-        (flight.vehicle, -1, "end", colors.MEASURED),
-        (flight.target, -1, "target", colors.TARGET),
-    ):
-        if len(track.time_s):
-            x, y = place(track.position_enu_m[index])[0]
-            parts.append(
-                f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{ink(color)}"/>'
-                f'<text class="key" x="{x + 6:.1f}" y="{y - 5:.1f}" fill="{ink(color)}">'
-                f"{html.escape(name)}</text>"
-            )
-    return parts
+def _point(place: FloatArray, name: str, color: Color) -> str:
+    x, y = place
+    return (
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{ink(color)}"/>'
+        f'<text class="key" x="{x + 6:.1f}" y="{y - 5:.1f}" fill="{ink(color)}">'
+        f"{html.escape(name)}</text>"
+    )

@@ -33,7 +33,12 @@ def open_viewer(flight: Flight) -> str:
 
 
 def render_png(
-    flight: Flight, png: Path, *, at_s: float | None = None, size: tuple[int, int] = LARGE
+    flight: Flight,
+    png: Path,
+    *,
+    at_s: float | None = None,
+    size: tuple[int, int] = LARGE,
+    view: str | None = None,
 ) -> None:
     """Render the flight into a picture, without a display.
 
@@ -42,6 +47,7 @@ def render_png(
         png: The picture; overwritten.
         at_s: Time of the picture since the start; the end, if not given.
         size: Width and height in pixels.
+        view: Only the view of this name.
 
     Raises:
         UsageError: If there is nothing to show, or Rerun is not installed.
@@ -53,7 +59,7 @@ def render_png(
         recording = make_recording(flight, Path(folder))
         from companion.session.picture import render
 
-        render(recording, png, at_s=at_s, size=size)
+        render(recording, png, at_s=at_s, size=size, view=view)
 
 
 def show_map(city: Map) -> str:

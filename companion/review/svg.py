@@ -13,7 +13,7 @@ from companion.session.colors import Color, band_color
 from companion.session.flight import CurveData
 
 WIDTH = 1000.0
-_LEFT, _RIGHT = 46.0, 8.0
+_LEFT, _RIGHT = 66.0, 8.0
 _TOP, _BOTTOM = 20.0, 18.0
 _MOST_POINTS = 700
 _GAP_S = 1.2
@@ -108,7 +108,7 @@ def bands(states: dict[str, list[tuple[float, str]]], span: Span) -> str:
                 )
         parts.append(
             f'<text class="tick" x="{_LEFT - 4:g}" y="{top + 11.5:.1f}" text-anchor="end">'
-            f"{html.escape(name.replace('flight ', ''))[:9]}</text>"
+            f"{html.escape(name.removeprefix('flight '))}</text>"
         )
     return "".join([*parts, "</svg>"])
 

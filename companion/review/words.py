@@ -3,7 +3,7 @@
 import textwrap
 from pathlib import Path
 
-from companion.review.findings import findings
+from companion.review.findings import findings, is_grave
 from companion.review.sources import (
     check_session,
     files_of,
@@ -15,7 +15,6 @@ from companion.session.folder import SUMMARY
 from companion.session.records import Event
 from companion.session.report import facts, result_line
 from companion.table import row
-from companion.vehicle import Severity
 
 _WIDTH = 80
 _INDENT = 14
@@ -63,7 +62,7 @@ def spoken(event: Event) -> str:
 
 
 def _lines(event: Event) -> list[str]:
-    sign = "!" if event.severity <= Severity.WARNING else " "
+    sign = "!" if is_grave(event) else " "
     return textwrap.wrap(
         spoken(event),
         _WIDTH,

@@ -18,8 +18,22 @@ _SETTLE_S = 1.5  # after a jump in time
 _TIMELINE = "session"
 
 
-def render(recording: Path, png: Path, *, at_s: float | None, size: tuple[int, int]) -> None:
+def render(
+    recording: Path,
+    png: Path,
+    *,
+    at_s: float | None,
+    size: tuple[int, int],
+    view: str | None = None,
+) -> None:
     """Render ``recording`` at ``at_s``, or at its end, into ``png``.
+
+    Args:
+        recording: What to open.
+        png: The picture; overwritten.
+        at_s: Time since the start.
+        size: Of the window, pixels.
+        view: Only the view of this name.
 
     Raises:
         UsageError: If Rerun is not installed.
@@ -32,7 +46,15 @@ def render(recording: Path, png: Path, *, at_s: float | None, size: tuple[int, i
         time_s = end_s if at_s is None else min(max(0.0, at_s), end_s)
         client.set_time(_TIMELINE, duration=time_s, play_state="paused")
         sleep_s(_SETTLE_S)
-        client.save_screenshot(str(png.resolve()))
+        client.save_screenshot(str(png.resolve()), _view_id(client, view))
+
+
+def _view_id(client: ViewerClient, name: str | None) -> str | None:
+    """Return the id of a view by its name; ``None``, the whole window, if there is none."""
+    for view in client.get_state().views if name else ():
+        if view.name == name:
+            return view.view_id
+    return None
 
 
 def _load(client: ViewerClient, recording: Path) -> float:

@@ -41,14 +41,14 @@ _LEVELS = {
 }
 
 
-def send_events(writer: StreamWriter, events: Sequence[Event]) -> None:
-    """Send lines of text, each source on its own."""
+def send_events(writer: StreamWriter, events: Sequence[Event], root: str = "log") -> None:
+    """Send lines of text, each source on its own below ``root``."""
     for source in sorted({event.source for event in events}):
         lines = [event for event in events if event.source == source]
         levels = [_LEVELS.get(line.severity, rr.TextLogLevel.ERROR) for line in lines]
         columns = rr.TextLog.columns(text=[line.text for line in lines], level=levels)
         # tenths of a second are what the viewer's time column has room for
-        writer.columns(f"log/{source}", [round(line.time_s, 1) for line in lines], columns)
+        writer.columns(f"{root}/{source}", [round(line.time_s, 1) for line in lines], columns)
 
 
 class SessionLog:
