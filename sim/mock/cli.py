@@ -180,7 +180,7 @@ def _parser() -> argparse.ArgumentParser:
         "--home",
         metavar="LAT,LON,ALT",
         help="where it boots, degrees and metres AMSL (that of its simulator; on a map with a "
-        "place on earth, that of PX4's on the ground)",
+        "place on earth, that of PX4's on the ground, or open ground near its middle)",
     )
     add("--target", action="append", default=[], metavar="SPEC", help="another system; see TARGETS")
     add("--fault", action="append", default=[], metavar="SPEC", help="what goes wrong; see FAULTS")

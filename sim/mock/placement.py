@@ -20,6 +20,12 @@ if TYPE_CHECKING:  # shapely is loaded only where a map is flown
 
 _NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _PROBE_M = 100.0
+_ROOM_M = 5.0
+"""From walls and from the edge of the map, for a take-off."""
+_SPACING_M = 2.0
+_MOST_PLACES = 300
+"""Looked at along a side of the map."""
+_PLACES_AT_ONCE = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +65,8 @@ def place_vehicle(map_: Map | None, home: GeoPoint | None, personality: Personal
         map_: The map, if any. One with ``launch_m`` says where local zero lies; on one with an
             ``origin`` the vehicle stands at ``home``.
         home: Wished place on earth; ``None`` for that of the personality's simulator, on a map
-            with an ``origin`` for that of PX4 SITL on the ground.
+            with an ``origin`` for that of PX4 SITL on the ground, or where that is no free place
+            on the map, for open ground near its middle.
         personality: The autopilot, whose projection ties local NED to the globe.
 
     Raises:
@@ -76,15 +83,36 @@ def place_vehicle(map_: Map | None, home: GeoPoint | None, personality: Personal
     launch = geodetic_to_enu(map_.origin, wanted)
     if home is None:  # the altitude of PX4 SITL's home means nothing here: stand on the ground
         launch = np.array([launch[0], launch[1], 0.0])
+        if not _is_free(map_, launch):
+            launch = _open_ground(map_, launch)
         wanted = enu_to_geodetic(map_.origin, launch)
     standing = np.maximum(launch, [-np.inf, -np.inf, 0.0 if launch[2] > -1.0 else -np.inf])
-    if not bool(map_.contains(standing)) or bool(map_.obstacles.contains(standing)):
+    if not _is_free(map_, standing):
         raise MapError(
             f"home {wanted.latitude_deg:.6f},{wanted.longitude_deg:.6f},{wanted.altitude_m:.1f} is "
             f"not a free place on map {map_.name}: give one with --home LAT,LON,ALT"
         )
     projection = project(wanted)
     return Place(wanted, map_, launch, _tie(map_.origin, projection), projection)
+
+
+def _is_free(map_: Map, position_enu_m: FloatArray) -> bool:
+    return bool(map_.contains(position_enu_m)) and not bool(map_.obstacles.contains(position_enu_m))
+
+
+def _open_ground(map_: Map, otherwise_m: FloatArray) -> FloatArray:
+    """Return a place on the ground near the map's middle with room to take off, ``(3,)``."""
+    size_m = map_.size_m[:2]
+    spacing_m = max(_SPACING_M, float(size_m.max()) / _MOST_PLACES)
+    east_m, north_m = (np.arange(_ROOM_M, side_m - _ROOM_M, spacing_m) for side_m in size_m)
+    places_m = np.stack(np.meshgrid(east_m, north_m, [0.0]), axis=-1).reshape(-1, 3)
+    order = np.argsort(np.square(places_m[:, :2] - 0.5 * size_m).sum(axis=1), kind="stable")
+    for first in range(0, len(order), _PLACES_AT_ONCE):
+        some_m = places_m[order[first : first + _PLACES_AT_ONCE]]
+        roomy = map_.obstacles.signed_distance_m(some_m) >= _ROOM_M
+        if roomy.any():
+            return np.asarray(some_m[int(roomy.argmax())])
+    return otherwise_m
 
 
 def _tie(map_origin: GeoPoint, projection: Projection) -> FloatArray:

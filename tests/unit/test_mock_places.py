@@ -73,6 +73,23 @@ def test_a_map_on_earth_has_the_vehicle_at_px4s_home_on_its_ground(block):
     assert place.home.altitude_m == pytest.approx(480.0, abs=0.01)
 
 
+@pytest.mark.parametrize("latitude_deg", [-33.9, 52.1])
+def test_a_map_elsewhere_on_earth_has_the_vehicle_on_open_ground_near_its_middle(
+    tmp_path, latitude_deg
+):
+    elsewhere = PLACED.replace("47.3974", str(latitude_deg)).replace(
+        "60, 60], [80, 60", "30, 30], [80, 30"
+    )
+    (tmp_path / "block.yaml").write_text(elsewhere)
+    city = load_map(tmp_path / "block.yaml")
+    place = place_vehicle(city, None)
+    launch_m = place.to_map((0.0, 0.0, 0.0))
+    assert launch_m[2] == pytest.approx(0.0, abs=1e-6)
+    assert place.home.altitude_m == pytest.approx(480.0, abs=0.01)
+    assert 5.0 <= city.obstacles.signed_distance_m(launch_m) < 10.0
+    assert np.abs(launch_m[:2] - 50.0).max() < 40.0
+
+
 def test_what_global_position_int_says_is_where_the_referee_sees_the_vehicle(block):
     place = place_vehicle(block, None)
     bench = Bench(Settings(place))
