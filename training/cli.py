@@ -43,6 +43,8 @@ class Train:
     """Another number of gradient steps than the preset's."""
     beta: float | None = None
     """Another weight of the obstacle penalty than the preset's, in [0, 1)."""
+    rerun: Path | None = None
+    """Also record the run as a .rrd file for Rerun: curves, and episodes on the map."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,8 @@
 """What the commands do once their options are known; needs torch."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from companion.errors import UsageError
 from companion.policy.actor import Actor
 from sim.world import CityWorld
 from training import cli
+from training.curves import read_log
 from training.evaluate import Evaluation, Policy, as_json, evaluate_policy, fly_straight
 from training.export import command_line, git_revision
 from training.loop import evaluate_loop
@@ -45,8 +47,17 @@ def train(options: "cli.Train", typed: str, *, now_s: Callable[[], float]) -> in
     if options.stage == "obstacles" and options.init is None and not options.resume:
         console.print("no --init: from random networks, not from those of a free run")
     console.print(f"run {folder.folder}: {trainer.updates} of {trainer.preset.updates} updates")
-    with stop_on_signal() as stop, _reporter(console) as reporter:
-        over = run(trainer, folder, reporter.report, now_s=now_s, stop=stop)
+    with (
+        stop_on_signal() as stop,
+        _reporter(console) as reporter,
+        _recording(options.rerun, folder, trainer) as record,
+    ):
+
+        def report(trainer: Trainer, entry: dict[str, Any]) -> None:
+            reporter.report(trainer, entry)
+            record(entry)
+
+        over = run(trainer, folder, report, now_s=now_s, stop=stop)
     if not over:
         console.print(f"stopped after {trainer.updates} updates: go on with --resume")
         return _INTERRUPTED
@@ -131,6 +142,29 @@ def export(options: "cli.Export", *, now_s: Callable[[], float]) -> int:
     console.print(f"wrote {options.out}")
     _print_record(console, actor)
     return 0
+
+
+@contextmanager
+def _recording(
+    path: Path | None, folder: RunFolder, trainer: Trainer
+) -> Iterator[Callable[[dict[str, Any]], None]]:
+    """Record the run for Rerun where asked to, what was logged before included."""
+    if path is None:
+        yield lambda _: None
+        return
+    try:
+        # Only now: it takes a second to import, and may be missing.
+        from training.rerun_curves import TrainingRecording
+    except ImportError as error:
+        raise UsageError('--rerun needs Rerun: pip install "rerun-sdk==0.41.*"') from error
+    recording = TrainingRecording(path, folder.read_record(), trainer)
+    try:
+        if folder.log_path.exists():
+            for entry in read_log(folder.log_path):
+                recording.write(entry)
+        yield lambda entry: recording.write(entry, trainer)
+    finally:
+        recording.close()
 
 
 def _place(options: "cli.Train") -> Place:

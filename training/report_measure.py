@@ -59,8 +59,7 @@ class Cases:
             seed=TEST_SEED,
             moving=moving,
         )
-        flights = fly(world, policy)
-        ended = flights.ended
+        flights, ended = fly(world, policy)
         evaluation = summarise(ended, np.full(self.count, np.inf), seconds=self._now_s() - began_s)
         ways: float | None = None
         if not moving:
