@@ -16,14 +16,18 @@ import tyro
 
 from companion.config import PreflightConfig, RunConfig, load_run_config
 from companion.errors import CompanionError, UsageError
+from companion.guidance.reasons import Reason
 from companion.guidance.situation import EXIT_CODES, Outcome
+from companion.options import parse
 from companion.session.summary import Summary
+from companion.terminal import TerminalHandler
 
 _USAGE = """\
 usage: companion COMMAND [OPTIONS]      (companion COMMAND --help says more)
 
   run       fly a policy on a vehicle
   preflight look at a vehicle before a flight: GO or NO-GO
+  service   print a systemd unit that runs it unattended
   mock      start the built-in mock vehicle
   review    say what happened in a flight: a run of ours, or any .tlog
   replay    make the decisions of a run again and compare
@@ -97,6 +101,16 @@ class ActorsArgs:
     json: Annotated[bool, tyro.conf.arg(help="Print the contract as JSON.")] = False
 
 
+_BY_EXIT_CODE = {
+    2: (Outcome.FAILED, Reason.USAGE),
+    3: (Outcome.FAILED, Reason.LINK_FAILED),
+    4: (Outcome.LINK_LOST, Reason.LINK_SILENT),
+    5: (Outcome.REFUSED, Reason.REFUSED),
+    6: (Outcome.COMMAND_FAILED, Reason.REJECTED),
+}
+"""How a run ended that was over before the loop began."""
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the command line and exit with the code of ``companion.errors``."""
     try:
@@ -116,6 +130,7 @@ def _main(argv: list[str]) -> int:
     commands: dict[str, Callable[[list[str]], int]] = {
         "run": _run,
         "preflight": _preflight,
+        "service": _service,
         "mock": _mock,
         "review": _review,
         "replay": _replay,
@@ -145,21 +160,24 @@ def _main(argv: list[str]) -> int:
 
 
 def _run(argv: list[str]) -> int:
-    config = _parse_run(argv)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _interrupt)
-    logging.basicConfig(
-        level=logging.INFO, stream=sys.stderr, format="%(relativeCreated)8.0f ms  %(message)s"
-    )
+    as_json = "--json" in argv
+    log = TerminalHandler()
+    logging.basicConfig(level=logging.INFO, handlers=[log])
     try:
+        config = _parse_run(argv)
+        as_json |= config.json
         from companion.run import run
 
         summary = run(config)
     except (CompanionError, KeyboardInterrupt) as error:
-        if config.json:
+        if as_json:
             _print_json(_failed(error))
         raise
-    if config.json:
+    finally:
+        log.flush()
+    if as_json:
         _print_json(summary)
     else:
         from companion.review.words import brief
@@ -170,17 +188,25 @@ def _run(argv: list[str]) -> int:
     return summary.exit_code
 
 
-def _parse_run(argv: list[str]) -> RunConfig:
+def _parse_run(argv: list[str], prog: str = "companion run") -> RunConfig:
     """Return the options: the command line over the file of ``--config`` over the defaults."""
-    config = tyro.cli(RunConfig, args=argv, prog="companion run")
+    config = parse(RunConfig, argv, prog)
     if config.config is None:
         return config
     from_file = replace(load_run_config(config.config), config=config.config)
-    return tyro.cli(RunConfig, args=argv, prog="companion run", default=from_file)
+    return parse(RunConfig, argv, prog, default=from_file)
+
+
+def _service(argv: list[str]) -> int:
+    config = _parse_run(argv, "companion service")
+    from companion.service import unit
+
+    print(unit(config, argv), end="")
+    return 0
 
 
 def _preflight(argv: list[str]) -> int:
-    args = tyro.cli(PreflightConfig, args=argv, prog="companion preflight")
+    args = parse(PreflightConfig, argv, "companion preflight")
     from companion.inspection import Inspection, inspect
     from companion.inspection_table import table
 
@@ -206,7 +232,7 @@ def _mock(argv: list[str]) -> int:
 
 
 def _review(argv: list[str]) -> int:
-    args = tyro.cli(ReviewArgs, args=argv, prog="companion review")
+    args = parse(ReviewArgs, argv, "companion review")
     if len(args.flights) != 1 + args.compare:
         raise UsageError(f"{len(args.flights)} flights were given: name one, or two with --compare")
     from companion.review.command import review_command
@@ -215,7 +241,7 @@ def _review(argv: list[str]) -> int:
 
 
 def _replay(argv: list[str]) -> int:
-    args = tyro.cli(ReplayArgs, args=argv, prog="companion replay")
+    args = parse(ReplayArgs, argv, "companion replay")
     logging.getLogger("companion").setLevel(logging.CRITICAL)  # what it says was said in flight
     from companion import replay, second_opinion
     from companion.policy.actor import Actor
@@ -240,7 +266,7 @@ def _maps(argv: list[str]) -> int:
         from companion.maps_import import import_command
 
         return import_command(argv[1:])
-    args = tyro.cli(MapsArgs, args=argv, prog="companion maps")
+    args = parse(MapsArgs, argv, "companion maps")
     from companion.world.maps import describe_map, load_map
 
     city = load_map(args.map)
@@ -259,7 +285,7 @@ def _maps(argv: list[str]) -> int:
 
 
 def _actors(argv: list[str]) -> int:
-    args = tyro.cli(ActorsArgs, args=argv, prog="companion actors")
+    args = parse(ActorsArgs, argv, "companion actors")
     from companion.policy.actor import Actor, describe_actor
 
     actor = Actor.load(args.actor)
@@ -272,13 +298,16 @@ def _actors(argv: list[str]) -> int:
 
 def _failed(error: BaseException) -> Summary:
     """Return the summary of a run that ended before the loop began."""
-    if not isinstance(error, CompanionError):
-        outcome, code = Outcome.STOPPED, EXIT_CODES[Outcome.STOPPED]
-    else:
-        by_code = {4: Outcome.LINK_LOST, 5: Outcome.REFUSED, 6: Outcome.COMMAND_FAILED}
+    outcome, reason_code, code = Outcome.STOPPED, Reason.SIGNAL, EXIT_CODES[Outcome.STOPPED]
+    if isinstance(error, CompanionError):
         code = error.exit_code
-        outcome = by_code.get(code, Outcome.FAILED)
-    return Summary(outcome=outcome, reason=str(error) or "interrupted", exit_code=code)
+        outcome, reason_code = _BY_EXIT_CODE.get(code, (Outcome.FAILED, Reason.INTERNAL))
+    return Summary(
+        outcome=outcome,
+        reason=str(error) or "interrupted",
+        reason_code=reason_code,
+        exit_code=code,
+    )
 
 
 def _print_json(result: msgspec.Struct) -> None:
@@ -295,7 +324,10 @@ def _close_stdout() -> None:
 
 
 def _complain(text: str) -> None:
-    print(f"companion: {text}", file=sys.stderr)
+    """Say what is wrong, but do not wait for a terminal that takes nothing."""
+    last_words = TerminalHandler()
+    last_words.write(f"companion: {text}")
+    last_words.flush()
 
 
 if __name__ == "__main__":

@@ -177,7 +177,7 @@ def load_run_config(path: Path) -> RunConfig:
         UsageError: If the file cannot be read or a key or value is wrong; names both.
     """
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        data = yaml.load(path.read_text(encoding="utf-8"), _EachKeyOnce)
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"cannot read --config {path}: {error}") from error
     except RecursionError as error:
@@ -201,6 +201,21 @@ def load_run_config(path: Path) -> RunConfig:
         return msgspec.convert(values, RunConfig, dec_hook=_path_hook)
     except msgspec.ValidationError as error:
         raise UsageError(f"--config {path}: {error}") from error
+
+
+class _EachKeyOnce(yaml.SafeLoader):
+    """Safe YAML that refuses a key given twice, of which YAML would silently take the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            name = str(key.value).replace("-", "_")
+            if name in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"{key.value!r} is given twice", key.start_mark
+                )
+            seen.add(name)
+        return super().construct_mapping(node, deep)
 
 
 def restore_run_config(values: dict[str, Any]) -> RunConfig:

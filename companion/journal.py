@@ -13,6 +13,7 @@ import struct
 from collections.abc import Callable
 
 from companion import clock
+from companion.computer import MAX_CORES, Computer
 from companion.errors import LinkLostError
 from companion.link.transport import Peer, Transport
 from companion.session.records import Inputs, Raw, Record
@@ -29,6 +30,8 @@ NOTHING = b"n"
 """Bytes were asked for and none came."""
 SENT = b"w"
 """A packet was sent; ``e`` follows if that failed."""
+COMPUTER = struct.Struct(f"<c{MAX_CORES}BbII")
+"""``h``: the state of this computer was read."""
 STOP, GO_ON = b"s", b"g"
 """Whether the program was asked to stop."""
 
@@ -70,6 +73,24 @@ class Journal:
             answer = asked()
             self.note(STOP if answer else GO_ON)
             return answer
+
+        return journaled
+
+    def computer(self, read: Callable[[], Computer]) -> Callable[[], Computer]:
+        """Return ``read``, its answers written down."""
+
+        def journaled() -> Computer:
+            state = read()
+            self.note(
+                COMPUTER.pack(
+                    b"h",
+                    *state.core_percent,
+                    state.celsius,
+                    state.ram_used_mib,
+                    state.ram_total_mib,
+                )
+            )
+            return state
 
         return journaled
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from companion.errors import MapError, UsageError
+from companion.options import parse
 
 if TYPE_CHECKING:
     from companion.world.map_box import MapBox
@@ -52,7 +53,7 @@ class ImportArgs:
 
 def import_command(argv: list[str]) -> int:
     """Run ``companion maps import``."""
-    args = tyro.cli(ImportArgs, args=_joined(argv), prog="companion maps import")
+    args = parse(ImportArgs, _joined(argv), "companion maps import")
     import_file(args)
     return 0
 

@@ -3,8 +3,9 @@
 from struct import Struct
 from typing import Any
 
+from companion.computer import Computer
 from companion.errors import LinkLostError
-from companion.journal import CHUNK, COUNT, GO_ON, NOTHING, SENT, STOP, TIME
+from companion.journal import CHUNK, COMPUTER, COUNT, GO_ON, NOTHING, SENT, STOP, TIME
 from companion.link.transport import Peer
 
 
@@ -48,6 +49,11 @@ class Playback:
     def stop_requested(self) -> bool:
         """Return whether the program was asked to stop here."""
         return self._mark(STOP, GO_ON) == STOP
+
+    def computer(self) -> Computer:
+        """Return the state of the computer that flew."""
+        _, *cores, celsius, used_mib, total_mib = self._take(COMPUTER, b"h")
+        return Computer(tuple(cores), celsius, used_mib, total_mib)
 
     def wait(self, timeout_s: float) -> None:
         """Return at once: the clock tells how long it was."""

@@ -17,7 +17,7 @@ from companion.config import RunConfig, restore_run_config
 from companion.errors import CompanionError, RefusedError
 from companion.launch import CONNECT_TIMEOUT_S, fly, load_files, speed_cap, target_sysids
 from companion.link.messages import velocity_of
-from companion.link.opening import attach
+from companion.link.opening import attach, make_codec
 from companion.link.signing import load_key
 from companion.playback import Playback, PlaybackOver
 from companion.policy.actor import Actor
@@ -127,12 +127,13 @@ class RecordedSession:
         vehicle = attach(
             playback.open(),
             url=start.vehicle.link,
-            backend=config.backend,
+            codec=make_codec(config.backend, config.vehicle_sysid),
             vehicle_sysid=config.vehicle_sysid,
             target_sysids=target_sysids(config),
             timeout_s=CONNECT_TIMEOUT_S,
             signing_key=None if config.signing_key is None else load_key(config.signing_key),
             tap=comparison.tap,
+            computer=playback.computer,
             now=playback.now,
             utc_now=lambda: _EPOCH + timedelta(microseconds=start.start_utc_us),
         )

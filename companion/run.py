@@ -3,16 +3,21 @@
 import contextlib
 import gc
 import logging
+import os
 import signal
-from collections.abc import Callable, Iterator
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import msgspec
 
 from companion import clock
+from companion.computer import ComputerProbe
 from companion.config import RunConfig
 from companion.control import ARRIVAL_RADIUS_M
+from companion.errors import UsageError
 from companion.journal import Journal, JournaledTransport
 from companion.launch import CONNECT_TIMEOUT_S, fly, load_files, speed_cap, target_sysids
 from companion.link.opening import connect
@@ -28,8 +33,12 @@ from companion.session.records import (
     map_record,
 )
 from companion.session.summary import Summary
+from companion.watchdog import Watchdog
 
 RECORDER_CLOSE_S = 20.0
+RECORDER_HURRY_S = 1.0
+"""After a second signal, or one that comes while the recorder finishes."""
+_PROBE_BYTES = 1 << 16
 _LOG = logging.getLogger("companion")
 
 
@@ -40,6 +49,7 @@ def run(config: RunConfig) -> Summary:
         CompanionError: If the flight is refused or cannot begin; nothing has moved.
     """
     city, actor = load_files(config)
+    _check_writable(config.record)
     start_utc = clock.utc_now()
     early: list[Record] = []
     sinks: list[Callable[[Record], None]] = [early.append]
@@ -57,6 +67,7 @@ def run(config: RunConfig) -> Summary:
             watch=lambda transport: JournaledTransport(transport, journal),
             now=journal.now,
             utc_now=lambda: start_utc,
+            computer=journal.computer(ComputerProbe().read),
         )
         with contextlib.closing(vehicle):
             cap = speed_cap(vehicle, config)
@@ -85,7 +96,10 @@ def run(config: RunConfig) -> Summary:
             for record in early:
                 recorder.put(record)
             sinks.append(recorder.put)
-            with _stop_flag() as stop_requested:
+            with (
+                _Signals(patience=1) as signals,
+                Watchdog(os.environ, process_id=os.getpid()) as watchdog,
+            ):
                 gc.collect()
                 gc.freeze()
                 summary = fly(
@@ -95,39 +109,66 @@ def run(config: RunConfig) -> Summary:
                     actor,
                     cap,
                     record=_watched(recorder),
-                    stop_requested=journal.stop(stop_requested),
+                    stop_requested=journal.stop(lambda: signals.count > 0),
                     start_s=journal.start_s,
+                    alive=watchdog.alive,
                 )
     journal.flush()
     summary = msgspec.structs.replace(summary, session_dir=str(folder), v_max_mps=cap.v_max_mps)
-    recorder.put(SessionEnd(summary))
-    _write(lambda: write_summary(folder, summary), folder)
-    if not recorder.close(RECORDER_CLOSE_S):
-        _LOG.warning("the recorder did not finish; %s may be incomplete", folder)
-    for message in recorder.take_messages():
-        _LOG.info("recorder: %s", message)
+    _finish(recorder, folder, summary, in_a_hurry=signals.count > 1)
     return summary
 
 
-@contextlib.contextmanager
-def _stop_flag() -> Iterator[Callable[[], bool]]:
-    """Turn the first SIGINT, SIGTERM or SIGHUP into a flag; the second ends the program at once."""
-    asked: list[int] = []
+class _Signals:
+    """Counts SIGINT, SIGTERM and SIGHUP; one more than ``patience`` interrupts what runs."""
 
-    def on_signal(number: int, _frame: FrameType | None) -> None:
-        if asked:
-            raise KeyboardInterrupt
-        asked.append(number)
+    def __init__(self, patience: int) -> None:
+        self.count = 0
+        self._patience = patience
+        self._before: dict[int, Any] = {}
 
-    before = {
-        number: signal.signal(number, on_signal)
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    }
-    try:
-        yield lambda: bool(asked)
-    finally:
-        for number, handler in before.items():
+    def __enter__(self) -> "_Signals":
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            self._before[number] = signal.signal(number, self._take)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
             signal.signal(number, handler)
+
+    def _take(self, _number: int, _frame: FrameType | None) -> None:
+        self.count += 1
+        if self.count > self._patience:
+            raise KeyboardInterrupt
+
+
+def _finish(recorder: Recorder, folder: Path, summary: Summary, *, in_a_hurry: bool) -> None:
+    """Write the summary and wait for the recorder, which goes on by itself if nobody does."""
+    finished = False
+    with contextlib.suppress(KeyboardInterrupt), _Signals(patience=0):
+        recorder.put(SessionEnd(summary))
+        _write(lambda: write_summary(folder, summary), folder)
+        finished = recorder.close(RECORDER_HURRY_S if in_a_hurry else RECORDER_CLOSE_S)
+    if not finished:
+        _LOG.warning("the recorder has not finished yet; %s may be incomplete", folder)
+    for message in recorder.take_messages():
+        _LOG.info("recorder: %s", message)
+
+
+def _check_writable(parent: Path) -> None:
+    """Refuse a place for recordings that takes none, before anything is opened.
+
+    Raises:
+        UsageError: If nothing can be written there: no rights, read-only, full.
+    """
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=parent) as probe:
+            probe.write(bytes(_PROBE_BYTES))
+    except FileExistsError:
+        raise UsageError(f"--record {parent} is a file, give a folder") from None
+    except OSError as error:
+        raise UsageError(f"cannot write to --record {parent}: {error.strerror}") from error
 
 
 def _watched(recorder: Recorder) -> Callable[[Record], None]:

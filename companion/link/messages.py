@@ -7,6 +7,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.arrays import FloatArray
+from companion.computer import Computer
 from companion.link.autopilots import Command
 from companion.vehicle import SystemStatus
 
@@ -86,6 +87,35 @@ def velocity_of(frame: bytes) -> FloatArray | None:
     payload = frame[_V2_HEADER_BYTES : _V2_HEADER_BYTES + frame[1]].ljust(_VELOCITY_END, b"\0")
     north_east_down = struct.unpack_from("<3f", payload, _VELOCITY_END - 12)
     return np.array(north_east_down, dtype=np.float64)
+
+
+def computer_status(
+    computer: Computer, since_start_ms: int
+) -> dialect.MAVLink_onboard_computer_status_message:
+    """Return ONBOARD_COMPUTER_STATUS: load, heat and memory of the computer we run on."""
+    no_number, no_temperature, no_fan = 0xFFFFFFFF, 127, 32767
+    return dialect.MAVLink_onboard_computer_status_message(
+        time_usec=since_start_ms * 1000,
+        uptime=since_start_ms & 0xFFFFFFFF,
+        type=0,
+        cpu_cores=computer.core_percent,
+        cpu_combined=[255] * 10,
+        gpu_cores=[255] * 4,
+        gpu_combined=[255] * 10,
+        temperature_board=computer.celsius,
+        temperature_core=[computer.celsius] + [no_temperature] * 7,
+        fan_speed=[no_fan] * 4,
+        ram_usage=computer.ram_used_mib,
+        ram_total=computer.ram_total_mib,
+        storage_type=[no_number] * 4,
+        storage_usage=[no_number] * 4,
+        storage_total=[no_number] * 4,
+        link_type=[no_number] * 6,
+        link_tx_rate=[no_number] * 6,
+        link_rx_rate=[no_number] * 6,
+        link_tx_max=[no_number] * 6,
+        link_rx_max=[no_number] * 6,
+    )
 
 
 def command_long(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from companion import clock
+from companion.computer import Computer
 from companion.errors import UsageError
 from companion.link.address import parse_url
 from companion.link.codec import Codec
@@ -33,6 +34,7 @@ def connect(
     target_sysids: Sequence[int] = (),
     timeout_s: float = 30.0,
     tap: Tap | None = None,
+    computer: Callable[[], Computer] | None = None,
     signing_key: Path | None = None,
     watch: Callable[[Transport], Transport] | None = None,
     now: Callable[[], float] = clock.now_s,
@@ -47,6 +49,8 @@ def connect(
         target_sysids: Systems whose positions are reported by ``targets``.
         timeout_s: How long to wait for the vehicle.
         tap: Called with ``(sent, time_s, frame)`` for every frame both ways.
+        computer: Reads the state of this computer, for ONBOARD_COMPUTER_STATUS; ``None`` tells
+            nobody of it.
         signing_key: File of the key that everybody on the link must sign with, see
             ``companion.link.signing.load_key``; ``None`` leaves the link open to all.
         watch: Returns what to use in place of the transport, to see what passes.
@@ -67,15 +71,22 @@ def connect(
     if signing_key is not None:
         key = load_key(signing_key)
         _LOG.info("frames are signed; the key in %s is %s", signing_key, key.form)
-    transport = open_transport(address)
+    # The codec first: loading MAVSDK takes longer than the kernel keeps packets for us.
+    codec = make_codec(backend, vehicle_sysid)
+    try:
+        transport = open_transport(address)
+    except BaseException:
+        codec.close()
+        raise
     return attach(
         transport if watch is None else watch(transport),
         url=url,
-        backend=backend,
+        codec=codec,
         vehicle_sysid=vehicle_sysid,
         target_sysids=target_sysids,
         timeout_s=timeout_s,
         tap=tap,
+        computer=computer,
         signing_key=key,
         now=now,
         utc_now=utc_now,
@@ -86,25 +97,25 @@ def attach(
     transport: Transport,
     *,
     url: str,
-    backend: Backend = "pymavlink",
+    codec: Codec | None = None,
     vehicle_sysid: int | None = None,
     target_sysids: Sequence[int] = (),
     timeout_s: float = 30.0,
     tap: Tap | None = None,
+    computer: Callable[[], Computer] | None = None,
     signing_key: SigningKey | None = None,
     now: Callable[[], float] = clock.now_s,
     utc_now: Callable[[], datetime] = clock.utc_now,
 ) -> MavlinkVehicle:
-    """Find the vehicle on an open transport, which is closed on failure; see ``connect``."""
-    own_system_id = _PROVISIONAL_SYSTEM_ID if vehicle_sysid is None else vehicle_sysid
+    """Find the vehicle on an open transport, which is closed on failure; see ``connect``.
+
+    ``codec`` is what ``make_codec`` returns, pymavlink's if it is not given.
+    """
+    codec = make_codec("pymavlink", vehicle_sysid) if codec is None else codec
     signing = None
     if signing_key is not None:
         signing = Signing(signing_key, stamp=stamp_at(utc_now()), now_s=now())
-    try:
-        connection = Connection(transport, _codec(backend, own_system_id), now, tap, signing)
-    except BaseException:
-        transport.close()
-        raise
+    connection = Connection(transport, codec, now, tap, signing)
     try:
         found = discover(
             connection,
@@ -113,7 +124,7 @@ def attach(
             target_sysids=target_sysids,
             timeout_s=timeout_s,
         )
-        vehicle = MavlinkVehicle(connection, found, target_sysids)
+        vehicle = MavlinkVehicle(connection, found, target_sysids, computer)
         vehicle.wait_for_version(_VERSION_WAIT_S)
     except BaseException:
         connection.close()
@@ -134,7 +145,9 @@ def check_backend(backend: Backend) -> None:
         )
 
 
-def _codec(backend: Backend, system_id: int) -> Codec:
+def make_codec(backend: Backend, vehicle_sysid: int | None) -> Codec:
+    """Return what reads and writes messages, speaking as the vehicle's system if that is known."""
+    system_id = _PROVISIONAL_SYSTEM_ID if vehicle_sysid is None else vehicle_sysid
     if backend == "pymavlink":
         return Codec(system_id, COMPONENT_ID)
     from companion.link.mavsdk import MavsdkCodec  # only here: it loads 20 MB and starts threads

@@ -11,6 +11,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.arrays import FloatArray
+from companion.computer import Computer
 from companion.link import messages
 from companion.link.codec import Received
 from companion.link.connection import Connection
@@ -45,12 +46,19 @@ COMPONENT_ID = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 _AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 _MAX_EVENTS = 1000
 _PARAM_RETRY_S = 0.7
+_HEARTBEATS_PER_STATUS = 5
 
 
 class MavlinkVehicle:
     """``companion.vehicle.Vehicle`` over one connection to one autopilot."""
 
-    def __init__(self, connection: Connection, found: Found, target_sysids: Sequence[int]) -> None:
+    def __init__(
+        self,
+        connection: Connection,
+        found: Found,
+        target_sysids: Sequence[int],
+        computer: Callable[[], Computer] | None = None,
+    ) -> None:
         self._connection = connection
         self._system_id = found.system_id
         self._autopilot = found.autopilot
@@ -71,6 +79,8 @@ class MavlinkVehicle:
             heard_since_s=found.heard[0][1].time_s if found.heard else self._started_s,
         )
         self._text_id = 0
+        self._computer = computer
+        self._heartbeats = 0
         self._packets_received = 0
         self._packets_foreign = 0
         self._setpoints_sent = 0
@@ -160,8 +170,12 @@ class MavlinkVehicle:
         self._inbox.judge = judge
 
     def send_heartbeat(self, status: SystemStatus) -> None:
-        """Send one HEARTBEAT with our own health."""
+        """Send one HEARTBEAT with our own health; with every fifth, this computer's."""
         self._connection.send(messages.heartbeat(status))
+        self._heartbeats += 1
+        if self._computer is not None and self._heartbeats % _HEARTBEATS_PER_STATUS == 0:
+            since_start_ms = round((self.now_s() - self._started_s) * 1e3)
+            self._connection.send(messages.computer_status(self._computer(), since_start_ms))
 
     def say(self, text: str, severity: Severity = Severity.INFO) -> None:
         """Send a STATUSTEXT, in chunks where it is longer than 50 characters."""

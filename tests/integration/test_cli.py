@@ -15,7 +15,9 @@ def call(*words):
     return subprocess.run([*COMPANION, *words], capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("command", ["run", "preflight", "mock", "review", "replay", "maps"])
+@pytest.mark.parametrize(
+    "command", ["run", "preflight", "service", "mock", "review", "replay", "maps"]
+)
 def test_every_command_explains_itself(command):
     done = call(command, "--help")
     assert done.returncode == 0, done.stderr
@@ -35,6 +37,14 @@ def test_without_a_command_the_commands_are_listed():
         (["maps", "check", "atlantis"], 5, "atlantis"),
         (["actors", "show", "nobody"], 5, "nobody"),
         (["review", "/nonexistent"], 2, "nonexistent"),
+        (["run", "--bogus"], 2, "--bogus"),
+        (["run", "--targte", "1,2,3"], 2, "perhaps you meant --target"),
+        (["run", "--v-max", "fast"], 2, "--v-max"),
+        (["run", "--on-exit", "jump"], 2, "hold"),
+        (["run", "--connect"], 2, "--connect"),
+        (["replay"], 2, "Session folder"),
+        (["maps", "chekc", "env1"], 2, "chekc"),
+        (["service", "--connect", "mock:px4", "--engage"], 2, "waits for the pilot"),
     ],
 )
 def test_errors_are_one_line(words, code, says):

@@ -1,13 +1,17 @@
 """``companion run`` as people use it: real processes and sockets, the mock's own verdict."""
 
+import contextlib
 import json
+import os
 import re
+import resource
 import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 from pymavlink import mavutil
@@ -17,8 +21,8 @@ COMPANION = [sys.executable, "-m", "companion.cli"]
 MOCK = [sys.executable, "-m", "sim.mock", "--autopilot", "px4"]
 
 
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+def free_port(kind=socket.SOCK_DGRAM):
+    with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
 
@@ -26,12 +30,13 @@ def free_port():
 class Run:
     """One ``companion run --json`` in a process of its own."""
 
-    def __init__(self, *options, record):
+    def __init__(self, *options, record, **how):
         self.process = subprocess.Popen(
             [*COMPANION, "run", "--json", "--record", str(record), *map(str, options)],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
+            **how,
         )
         self.log = []
         self._reader = threading.Thread(target=lambda: self.log.extend(self.process.stderr))
@@ -56,8 +61,8 @@ class Run:
 def run(tmp_path):
     runs = []
 
-    def start(*options):
-        runs.append(Run(*options, record=tmp_path / "sessions"))
+    def start(*options, **how):
+        runs.append(Run(*options, record=tmp_path / "sessions", **how))
         return runs[-1]
 
     yield start
@@ -332,3 +337,112 @@ def test_without_the_flag_blind_travel_is_only_told(run, constant_actor):
     (line,) = (line for line in started.log if "blind travel" in line)
     assert "13.3 m" in line
     assert "1.3 m/s" in line
+
+
+SUMMARY_KEYS = {
+    "outcome", "reason", "reason_code", "exit_code", "session_dir", "duration_s",
+    "distance_flown_m", "final_distance_m", "min_clearance_m", "max_speed_mps", "setpoints_sent",
+    "setpoint_rate_hz", "jitter_p99_ms", "latency_p50_ms", "latency_p99_ms", "late_ticks",
+    "shield_interventions", "takeovers", "link_loss_percent",
+}  # fmt: skip
+
+
+def full_disk():
+    """Let no file grow beyond 300 kB: what a full disk is to whoever writes."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
+
+
+def test_a_full_disk_and_two_interrupts_in_flight(run, mock, constant_actor):
+    """The flight goes on and says so; even the second Ctrl-C leaves a whole summary."""
+    port = free_port()
+    mock("--connect", f"udpout:127.0.0.1:{port}", "--map", "env1")
+    started = run(
+        "--connect", f"udp:127.0.0.1:{port}", "--actor", constant_actor((0.0, 0.0, 0.0)),
+        "--map", "env1", "--target", "80,10,6", *UP, preexec_fn=full_disk,
+    )  # fmt: skip
+    started.wait_for("engaged")
+    started.wait_for("File too large")
+    started.process.send_signal(signal.SIGINT)
+    time.sleep(0.1)
+    started.process.send_signal(signal.SIGINT)
+    summary = started.finish()
+    assert (summary["outcome"], summary["exit_code"]) == ("stopped", 130)
+    assert summary["reason_code"] == "signal"
+    assert set(summary) >= SUMMARY_KEYS
+    assert summary["setpoints_sent"] > 20
+    assert json.loads((Path(summary["session_dir"]) / "summary.json").read_text()) == summary
+
+
+@pytest.mark.parametrize("place", ["/proc/nowhere", __file__])
+def test_a_recording_that_cannot_be_written_is_noticed_before_the_link_is_opened(
+    constant_actor, place
+):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        url = f"udp:127.0.0.1:{taken.getsockname()[1]}"
+        started = Run("--connect", url, "--actor", constant_actor(), record=place)
+        code, line = refused(started)
+        started.process.stdout.close()
+        started.process.stderr.close()
+    assert code == 2
+    assert "--record" in line
+
+
+def test_under_systemd_with_a_log_that_nobody_reads(mock, constant_actor, tmp_path):
+    """The loop tells systemd that it lives, and a full pipe behind stderr does not hold it."""
+    port = free_port()
+    mock("--connect", f"udpout:127.0.0.1:{port}", "--map", "env1")
+    unread, stderr = os.pipe()
+    os.set_blocking(stderr, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(stderr, bytes(4096))
+    os.set_blocking(stderr, True)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(str(tmp_path / "notify"))
+        systemd.settimeout(60.0)
+        process = subprocess.Popen(
+            [
+                *COMPANION, "run", "--json", "--connect", f"udp:127.0.0.1:{port}", "--actor",
+                str(constant_actor()), "--map", "env1", "--target", "80,10,6",
+                "--record", str(tmp_path / "sessions"),
+            ],
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+            env={**os.environ, "NOTIFY_SOCKET": str(tmp_path / "notify"),
+                 "WATCHDOG_USEC": "2000000"},
+        )  # fmt: skip
+        told = [systemd.recv(4096).decode()]
+        while "STATUS=ready" not in told[-1] or len(told) < 4:
+            told.append(systemd.recv(4096).decode())
+        process.send_signal(signal.SIGTERM)
+        while "STOPPING=1" not in told[-1]:
+            told.append(systemd.recv(4096).decode())
+    out, _ = process.communicate(timeout=60)
+    os.close(unread)
+    os.close(stderr)
+    assert "READY=1" in told[0]
+    assert not any("READY=1" in text for text in told[1:])
+    summary = json.loads(out)
+    assert (summary["outcome"], process.returncode) == ("stopped", 130)
+
+
+def test_a_tcp_link_that_is_cut_is_a_lost_link(run, mock, constant_actor):
+    port = free_port(socket.SOCK_STREAM)
+    verdict = mock("--connect", f"tcpin:127.0.0.1:{port}", "--map", "env1")
+    deadline = time.monotonic() + 30.0
+    while True:  # the mock is still starting
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1.0):
+            break
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    started = run(
+        "--connect", f"tcp:127.0.0.1:{port}", "--actor", constant_actor(), "--map", "env1",
+        "--target", "80,10,6",
+    )  # fmt: skip
+    started.wait_for("ready: ")
+    verdict()
+    summary = started.finish()
+    assert (summary["outcome"], summary["exit_code"]) == ("link_lost", 4)
+    assert summary["reason_code"] == "link_failed"
+    assert "TCP" in summary["reason"]

@@ -109,7 +109,7 @@ def test_a_moment_apart_is_no_doubt_and_longer_is(flying):
         return positions.untied
 
     assert not look(0.5)
-    apart = {"globally": HERE_NED_M + [FRAME_RESIDUAL_M + 0.5, 0.0, 0.0]}
+    apart = {"globally": HERE_NED_M + (FRAME_RESIDUAL_M + 0.5) * np.eye(3)[0]}
     assert not look(0.3, **apart)
     assert "1.5 m apart" in look(APART_S + 0.3, **apart)
     assert not look(0.5)
