@@ -64,17 +64,21 @@ class Braking:
             to rest, each ``(K, len(PACES), 3)``.
         """
         error_mps = command_enu_mps - velocity_enu_mps
-        length_mps = np.sqrt(np.einsum("ki,ki->k", error_mps, error_mps))[:, None]
-        limited_s = np.clip(length_mps / self.brake_mps2 - self.lag_s, 0.0, follow_s)
+        length_mps = np.sqrt(np.einsum("ki,ki->k", error_mps, error_mps))
+        limited_s = length_mps / self.brake_mps2 - self.lag_s
+        limited_s = np.minimum(np.maximum(limited_s, 0.0), follow_s)
         knee_mps = length_mps - self.brake_mps2 * limited_s
-        left = np.exp(-(follow_s - limited_s) / self.lag_s)
+        left_mps = knee_mps * np.exp((limited_s - follow_s) / self.lag_s)
         # Integral of the error's length: a trapezium, then an exponential tail.
-        area_m = 0.5 * (length_mps + knee_mps) * limited_s
-        area_m = area_m + knee_mps * self.lag_s * (1.0 - left)
-        direction = error_mps / np.maximum(length_mps, _TINY_MPS)
+        area_m = 0.5 * (length_mps + knee_mps) * limited_s + (knee_mps - left_mps) * self.lag_s
+        length_mps = np.maximum(length_mps, _TINY_MPS)
+        late, late_s = _BEHIND * (left_mps / length_mps), _BEHIND * (area_m / length_mps)
 
-        velocity_mps = command_enu_mps[:, None] - _BEHIND * (direction * knee_mps * left)[:, None]
-        begin_m = follow_s * command_enu_mps[:, None] - _BEHIND * (direction * area_m)[:, None]
+        error_mps, command_enu_mps = error_mps[:, None], command_enu_mps[:, None]
+        velocity_mps = command_enu_mps - late.T[..., None] * error_mps
+        begin_m = follow_s * command_enu_mps - late_s.T[..., None] * error_mps
         speed_mps = np.sqrt(np.einsum("kpi,kpi->kp", velocity_mps, velocity_mps))
-        stop_s = self.stopping_distance_m(speed_mps) / np.maximum(speed_mps, _TINY_MPS)
+        fast_mps = np.maximum(speed_mps - self.brake_mps2 * self.lag_s, 0.0)
+        speed_mps = np.maximum(speed_mps, _TINY_MPS)
+        stop_s = self.lag_s + fast_mps * fast_mps / (2.0 * self.brake_mps2 * speed_mps)
         return begin_m, begin_m + velocity_mps * stop_s[..., None]

@@ -14,21 +14,28 @@ import numpy.typing as npt
 from companion.arrays import FloatArray
 
 MAX_WALLS = 8
-_TIGHTENINGS = np.array([1.0, 0.85, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0])
+_TIGHTENINGS = np.array([1.0, 0.8, 0.6, 0.4, 0.2, 0.0])
 _FAN_ANGLES_RAD = np.radians([15.0, 30.0, 50.0, 70.0, 90.0, 110.0, 140.0])
 _FAN_AZIMUTHS_RAD = np.arange(12) * (2.0 * np.pi / 12.0)
 _FAN_SPEEDS = (1.0, 0.5)
 _ALONG_SPEEDS = np.array([0.8, 0.6, 0.4, 0.2, -0.3])
 _TINY = 1e-9
+_DIAGONAL = np.arange(3)
 
 
-def _active_sets(num_walls: int) -> tuple[npt.NDArray[np.intp], ...]:
-    """Return every set of one, two or three of the walls, each kind as an array of indices."""
-    return tuple(
-        np.array(list(combinations(range(num_walls), size)), dtype=np.intp).reshape(-1, size)
-        for size in (1, 2, 3)
-        if size <= num_walls
-    )
+def _active_sets(num_walls: int) -> tuple[npt.NDArray[np.intp], FloatArray]:
+    """Return every set of up to three of the walls, and which of its three places count.
+
+    Shapes ``(S, 3)`` each; a place that does not count holds wall 0.
+    """
+    sets = [
+        active
+        for size in range(min(num_walls, 3) + 1)
+        for active in combinations(range(num_walls), size)
+    ]
+    places = np.array([(*active, 0, 0, 0)[:3] for active in sets], dtype=np.intp)
+    counts = np.array([[float(place < len(active)) for place in range(3)] for active in sets])
+    return places, counts
 
 
 _ACTIVE_SETS = tuple(_active_sets(num_walls) for num_walls in range(MAX_WALLS + 1))
@@ -77,36 +84,41 @@ def fan(proposal_enu_mps: FloatArray, least_speed_mps: float) -> FloatArray:
     )
 
 
-def within_walls(
-    proposal_enu_mps: FloatArray, normal: FloatArray, least_mps: FloatArray
-) -> FloatArray:
+def within_walls(wish_enu_mps: FloatArray, normal: FloatArray, least_mps: FloatArray) -> FloatArray:
     """Return the nearest velocities that keep all walls, for tighter and tighter caps.
 
+    Nearest to a wish within half-spaces is a point on one, two or three of their faces: all of
+    them are tried.
+
     Args:
-        proposal_enu_mps: Shape ``(3,)``.
+        wish_enu_mps: Near which, shape ``(W, 3)``.
         normal: Unit normals pointing away from the walls, shape ``(M, 3)``, ``M <= MAX_WALLS``.
         least_mps: Least speed along each normal, shape ``(M,)``: negative where the vehicle may
             come nearer, positive where it must move away.
 
     Returns:
-        Shape ``(n, 3)``; empty where the walls contradict each other.
+        Shape ``(n, 3)``, those of the first wish first; fewer where the walls contradict each
+        other.
     """
     if len(normal) == 0:
         return np.zeros((0, 3))
     nearing, leaving = np.minimum(least_mps, 0.0), np.maximum(least_mps, 0.0)
     bounds = np.concatenate((_TIGHTENINGS[:, None] * nearing + leaving, [nearing]))
-    gap_mps = bounds - normal @ proposal_enu_mps
-    found = [np.broadcast_to(proposal_enu_mps, (len(bounds), 1, 3))]
-    for active in _ACTIVE_SETS[len(normal)]:
-        normals = normal[active]
-        gram = normals @ normals.swapaxes(1, 2) + _TINY * np.eye(active.shape[1])
-        push = np.linalg.solve(gram, gap_mps[:, active][..., None])
-        found.append(proposal_enu_mps + np.einsum("bcki,ckj->bcj", push, normals))
-    velocity = np.concatenate(found, axis=1)
-    kept = (velocity @ normal.T >= bounds[:, None] - 1e-6).all(axis=-1)
-    offset = velocity - proposal_enu_mps
-    distance = np.where(kept, np.einsum("bci,bci->bc", offset, offset), np.inf)
-    nearest = np.argmin(distance, axis=1)
-    rows = np.arange(len(bounds))
-    solved = np.isfinite(distance[rows, nearest])
-    return np.asarray(velocity[rows, nearest][solved])
+    places, counts = _ACTIVE_SETS[len(normal)]
+    faces = normal[places] * counts[..., None]
+    gram = faces @ faces.swapaxes(1, 2)
+    gram[:, _DIAGONAL, _DIAGONAL] += 1.0 + _TINY - counts
+    onto = np.linalg.inv(gram) @ faces  # (S, 3, 3): from missing speeds to velocity
+
+    gap_mps = bounds[None] - (wish_enu_mps @ normal.T)[:, None]  # (W, T, M)
+    gap_mps = gap_mps.reshape(-1, len(normal))
+    push = (gap_mps[:, places].swapaxes(0, 1) * counts[:, None]) @ onto  # (S, W * T, 3)
+    velocity = push + wish_enu_mps.repeat(len(bounds), axis=0)
+    distance = np.einsum("sri,sri->sr", push, push)
+    gained = push.reshape(-1, 3) @ normal.T
+    kept = (gained.reshape(*distance.shape, -1) >= gap_mps - 1e-6).all(axis=-1)
+    distance[~kept] = np.inf
+    nearest = distance.argmin(axis=0)
+    rows = np.arange(len(nearest))
+    solved = distance[nearest, rows] < np.inf
+    return np.asarray(velocity[nearest, rows][solved])

@@ -4,7 +4,8 @@ Every hazard is a convex body, the points with ``normal . p <= offset`` for all 
 convex pieces of the footprints with their roofs, and a half-space for the ground and each face of
 the box. The distance to a body is the largest of the distances to its planes: exact in front of
 a face, and too small (on the safe side) where an edge is nearest. A plane across every vertical
-edge bounds that: by 8 % at a right angle, by 30 % at the sharpest.
+edge bounds that: by 8 % at a right angle, by 30 % at the sharpest. Two across every edge of a
+roof do the same.
 """
 
 from dataclasses import dataclass
@@ -16,10 +17,9 @@ from companion.arrays import BoolArray, FloatArray, IntArray
 from companion.world.decomposition import convex_pieces
 from companion.world.maps import Map
 
-_LEAST_SHARE = 0.5
-"""No body with a plane across every edge tells less of its distance than this."""
-_PARALLEL_M = 1e-12
-"""A way that changes its distance to a plane by less runs along it."""
+_EAVES_RAD = np.radians([20.0, 55.0])
+"""How far the planes between wall and roof look up. The first lets a vehicle go over that is a
+third of a metre above the roof, beside it."""
 
 
 class Kind(IntEnum):
@@ -42,9 +42,6 @@ class Hazards:
     """``(B,)``."""
     kind: IntArray
     """``(B,)``, of ``Kind``."""
-    low_m: FloatArray
-    """West and south side of a box around each body, ``(2, B)``; ground and box have no sides."""
-    high_m: FloatArray
 
     @classmethod
     def of_map(cls, city: Map, *, margin_m: float, min_height_m: float) -> "Hazards":
@@ -77,24 +74,18 @@ class Hazards:
         keep[num_pieces] = min_height_m
         kind = np.full(len(bodies), Kind.FENCE, dtype=np.int64)
         kind[:num_pieces], kind[num_pieces] = Kind.OBSTACLE, Kind.GROUND
-        low, high = np.full((2, len(bodies)), -np.inf), np.full((2, len(bodies)), np.inf)
-        for row, (piece, _) in enumerate(pieces):
-            low[:, row], high[:, row] = piece.min(axis=0), piece.max(axis=0)
-        return cls(normal, offset, keep, kind, low, high)
+        return cls(normal, offset, keep, kind)
 
-    def within(self, position_enu_m: FloatArray, reach_m: float) -> "Hazards":
-        """Return the hazards within reach of a point, ``(3,)``, beyond what is to be kept.
+    def around(self, place_enu_m: FloatArray, reach_m: float) -> "Hazards":
+        """Return the hazards within reach of a vertical line, beyond what is to be kept.
 
-        Boxes around the bodies are looked at first: most of a large map is far away.
+        Args:
+            place_enu_m: Where the line stands, shape ``(2,)``.
+            reach_m: How far.
         """
-        east_m, north_m = position_enu_m[:2]
-        beside_m = np.maximum(
-            np.maximum(self.low_m[0] - east_m, east_m - self.high_m[0]),
-            np.maximum(self.low_m[1] - north_m, north_m - self.high_m[1]),
-        )
-        around = self.take(_LEAST_SHARE * beside_m - self.keep_m < reach_m)
-        plane_m = around.plane_distance_m(position_enu_m).max(axis=1)
-        return around.take(plane_m - around.keep_m < reach_m)
+        upright = self.normal[..., 2] == 0.0
+        beside_m = self.normal[..., :2] @ place_enu_m - self.offset_m
+        return self.take(np.where(upright, beside_m, -np.inf).max(axis=1) - self.keep_m < reach_m)
 
     def plane_distance_m(self, position_enu_m: FloatArray) -> FloatArray:
         """Return the distance of one point ``(3,)`` to every plane, ``(B, F)``; -inf at padding."""
@@ -102,68 +93,46 @@ class Hazards:
 
     def take(self, rows: BoolArray) -> "Hazards":
         """Return some of the hazards."""
-        return Hazards(
-            self.normal[rows],
-            self.offset_m[rows],
-            self.keep_m[rows],
-            self.kind[rows],
-            self.low_m[:, rows],
-            self.high_m[:, rows],
-        )
+        return Hazards(self.normal[rows], self.offset_m[rows], self.keep_m[rows], self.kind[rows])
 
-    def entered(
-        self, start_enu_m: FloatArray, end_enu_m: FloatArray, grown_m: FloatArray
-    ) -> BoolArray:
-        """Return which straight ways enter which bodies, each grown by ``grown_m``.
 
-        Args:
-            start_enu_m: Shape ``(S, 3)``.
-            end_enu_m: Shape ``(S, 3)``.
-            grown_m: By how much every plane is moved outward, ``(B,)``; negative shrinks.
+def crossing(outside_m: FloatArray, change_m: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Follow straight ways into bodies.
 
-        Returns:
-            Shape ``(S, B)``; a way that only touches a face does not enter.
-        """
-        outside_m, change_m = self._along(start_enu_m, end_enu_m, grown_m)
-        change_m[np.abs(change_m) < _PARALLEL_M] = -_PARALLEL_M
-        share = outside_m / -change_m
-        enter = np.where(change_m < 0.0, share, 0.0).max(axis=-1, initial=0.0)
-        leave = np.where(change_m > 0.0, share, 1.0).min(axis=-1, initial=1.0)
-        return np.asarray(enter < leave)
+    Args:
+        outside_m: Distance of each start to each plane of each body, ``(..., B, F)``.
+        change_m: Of that distance, from start to end.
 
-    def slack_m(
-        self, start_enu_m: FloatArray, end_enu_m: FloatArray, num_points: int
-    ) -> FloatArray:
-        """Return the least distance beyond ``keep_m`` along straight ways, ``(S, B)``."""
-        outside_m, change_m = self._along(start_enu_m, end_enu_m, self.keep_m)
-        least_m = np.full(outside_m.shape[:2], np.inf)
-        for share in np.linspace(0.0, 1.0, num_points):
-            np.minimum(least_m, (outside_m + share * change_m).max(axis=-1), out=least_m)
-        return least_m
-
-    def _along(
-        self, start_enu_m: FloatArray, end_enu_m: FloatArray, grown_m: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return distances to all grown planes at the start and their change, ``(S, B, F)``."""
-        planes = self.normal.reshape(-1, 3).T
-        shape = (len(start_enu_m), *self.offset_m.shape)
-        outside_m = (start_enu_m @ planes).reshape(shape)
-        outside_m -= self.offset_m + grown_m[:, None]
-        return outside_m, ((end_enu_m - start_enu_m) @ planes).reshape(shape)
+    Returns:
+        The share of each way before it enters each body, and whether it enters it at all,
+        ``(..., B)`` each; a way that only touches a face does not.
+    """
+    # Along a plane, dividing by zero gives +inf in front of it: never in; -inf behind it: no limit;
+    # nan on it, which fmax skips: no limit either.
+    end_m = outside_m + change_m
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        before = np.fmax.reduce(outside_m / np.maximum(-change_m, 0.0), axis=-1, initial=0.0)
+        after = np.fmax.reduce(end_m / np.maximum(change_m, 0.0), axis=-1, initial=0.0)
+    return before, np.asarray(before + after < 1.0)
 
 
 def _prism_planes(ring_m: FloatArray, height_m: float) -> tuple[FloatArray, FloatArray]:
     """Return the planes of a prism over a convex counter-clockwise ring ``(V, 2)``.
 
-    Walls, one plane across every vertical edge, and the roof.
+    Walls, one plane across every vertical edge, the roof, and planes across the edges between
+    walls and roof: along these a vehicle that has come up to the roof slides over it.
     """
     along = np.roll(ring_m, -1, axis=0) - ring_m
     wall = np.column_stack((along[:, 1], -along[:, 0]))
     wall /= np.sqrt((wall**2).sum(axis=1, keepdims=True))
     across = wall + np.roll(wall, 1, axis=0)  # at the start of each edge
     across /= np.maximum(np.sqrt((across**2).sum(axis=1, keepdims=True)), 1e-9)
-    flat = np.concatenate((wall, across))
-    offset = (flat * np.concatenate((ring_m, ring_m))).sum(axis=1)
-    normal = np.zeros((len(flat) + 1, 3))
-    normal[:-1, :2], normal[-1, 2] = flat, 1.0
-    return normal, np.append(offset, height_m)
+    flat, corner_m = np.concatenate((wall, across)), np.concatenate((ring_m, ring_m))
+    planes = [np.column_stack((flat, np.zeros(len(flat)))), np.array([[0.0, 0.0, 1.0]])]
+    points = [np.column_stack((corner_m, np.zeros(len(flat)))), np.array([[0.0, 0.0, height_m]])]
+    for slope_rad in _EAVES_RAD:
+        upward = np.full(len(wall), np.sin(slope_rad))
+        planes.append(np.column_stack((np.cos(slope_rad) * wall, upward)))
+        points.append(np.column_stack((ring_m, np.full(len(wall), height_m))))
+    normal = np.concatenate(planes)
+    return normal, (normal * np.concatenate(points)).sum(axis=1)

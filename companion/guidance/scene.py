@@ -7,23 +7,23 @@ import numpy as np
 from companion.arrays import BoolArray, FloatArray
 from companion.guidance.braking import PACES, Braking
 from companion.guidance.candidates import MAX_WALLS
-from companion.guidance.hazards import Hazards
+from companion.guidance.hazards import Hazards, crossing
 
 _TOUCH_M = 1e-3
 """Sliding exactly along the margin is not entering it."""
 _SAME_DIRECTION = 0.985
 """Cosine (10 degrees) above which two walls count as one."""
-_LOSS_POINTS = 6
+_SHARES = np.linspace(0.0, 1.0, 9)[:, None, None, None, None]
+_NUM_PACES = len(PACES)
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A vehicle and the hazards within its reach."""
+    """A vehicle and the hazards within its reach: ``B`` of them with up to ``F`` planes."""
 
     hazards: Hazards
     plane_m: FloatArray
     """Distance of the vehicle to every plane of each hazard, ``(B, F)``."""
-    position_enu_m: FloatArray
     velocity_enu_mps: FloatArray
     braking: Braking
     follow_s: float
@@ -34,30 +34,15 @@ class Scene:
         """Return how far the vehicle is outside every margin, ``(B,)``."""
         return np.asarray(self.plane_m.max(axis=1) - self.hazards.keep_m)
 
-    def entered(self, velocity_enu_mps: FloatArray, grown_m: FloatArray) -> BoolArray:
-        """Follow each velocity for a while, then stop; return which hazards would be entered.
-
-        Args:
-            velocity_enu_mps: Shape ``(K, 3)``.
-            grown_m: By how much each hazard is grown, ``(B,)``.
-
-        Returns:
-            Shape ``(K, B)``. Sliding along a hazard is not entering it.
-        """
-        begin, rest = self._ways(velocity_enu_mps)
-        start = np.broadcast_to(self.position_enu_m, begin.shape)
-        ways = self.hazards.entered(
-            np.concatenate((start, begin)).reshape(-1, 3),
-            np.concatenate((begin, rest)).reshape(-1, 3),
-            grown_m - _TOUCH_M,
+    def stops(self, velocity_enu_mps: FloatArray) -> "Stops":
+        """Follow each velocity, ``(K, 3)``, for a while, then stop."""
+        begin_m, rest_m = self.braking.stopping_paths_m(
+            self.velocity_enu_mps, velocity_enu_mps, follow_s=self.follow_s
         )
-        return np.asarray(np.any(ways.reshape(2, -1, len(PACES), len(grown_m)), axis=(0, 2)))
-
-    def least_slack_m(self, velocity_enu_mps: FloatArray) -> FloatArray:
-        """Return the least slack on the way to a stop after each velocity, ``(K, B)``."""
-        begin, rest = self._ways(velocity_enu_mps)
-        slack_m = self.hazards.slack_m(begin.reshape(-1, 3), rest.reshape(-1, 3), _LOSS_POINTS)
-        return np.asarray(slack_m.reshape(*begin.shape[:2], -1).min(axis=1))
+        ways_m = np.concatenate((begin_m, rest_m), axis=1)
+        legs_m = ways_m.reshape(-1, 3) @ self.hazards.normal.reshape(-1, 3).T
+        legs_m = legs_m.reshape(*ways_m.shape[:2], *self.plane_m.shape)
+        return Stops(self.hazards.keep_m, self.plane_m, ways_m, legs_m)
 
     def walls(
         self, proposal_enu_mps: FloatArray, out_mps: FloatArray
@@ -77,34 +62,89 @@ class Scene:
         """
         slack_m = self.plane_m - self.hazards.keep_m[:, None]
         nearest = slack_m == slack_m.max(axis=1, keepdims=True)
-        approach_mps = self.braking.approach_speed_mps(np.maximum(slack_m, 0.0), self.follow_s)
+        approach_mps = self.braking.approach_speed_mps(slack_m, self.follow_s)
         free = (slack_m >= 0.0) & (out_mps == 0.0)[:, None]
         least_mps = np.where(free, -approach_mps, np.where(nearest, out_mps[:, None], np.inf))
         missing_mps = least_mps - self.hazards.normal @ proposal_enu_mps
         rows, plane = np.arange(len(slack_m)), np.argmin(missing_mps, axis=1)
         normal, least = self.hazards.normal[rows, plane], least_mps[rows, plane]
         order = np.argsort(-missing_mps[rows, plane], kind="stable")
-        chosen = _distinct(normal[order])
-        return normal[order][chosen], least[order][chosen]
+        chosen = order[_distinct(normal[order])]
+        return normal[chosen], least[chosen]
 
     def nearest_normal(self) -> FloatArray:
         """Return the normal of the plane that tells the distance of each hazard, ``(B, 3)``."""
         rows = np.arange(len(self.plane_m))
         return np.asarray(self.hazards.normal[rows, self.plane_m.argmax(axis=1)])
 
-    def _ways(self, velocity_enu_mps: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return where each stop begins and where it ends, ``(K, len(PACES), 3)`` each."""
-        begin, rest = self.braking.stopping_paths_m(
-            self.velocity_enu_mps, velocity_enu_mps, follow_s=self.follow_s
-        )
-        return self.position_enu_m + begin, self.position_enu_m + rest
+
+@dataclass(frozen=True, slots=True)
+class Stops:
+    """Ways to a stop after each of ``K`` velocities.
+
+    Each at all ``PACES``: where the stop begins, then where the vehicle comes to rest.
+    """
+
+    keep_m: FloatArray
+    """Of every hazard, ``(B,)``."""
+    plane_m: FloatArray
+    """Distance of the start to every plane, ``(B, F)``."""
+    ways_m: FloatArray
+    """From the start, ``(K, 2 * len(PACES), 3)``."""
+    legs_m: FloatArray
+    """Gain of distance to every plane on these ways, ``(K, 2 * len(PACES), B, F)``."""
+
+    def entered(self, grown_m: FloatArray) -> BoolArray:
+        """Return which hazards, each grown by ``grown_m`` ``(B,)``, are entered, ``(K, B)``.
+
+        Sliding along a hazard is not entering it.
+        """
+        outside_m = self.plane_m - (grown_m - _TOUCH_M)[:, None]
+        # A plane with the whole way in front of it is an answer, and a quick one.
+        nearest_m = outside_m + np.minimum(self.legs_m.min(axis=1), 0.0)
+        entered: BoolArray = nearest_m.max(axis=-1) < 0.0
+        unclear = np.flatnonzero(entered.any(axis=1))
+        if len(unclear) > 0:
+            start_m, change_m = _both_legs(outside_m, self.legs_m[unclear])
+            entered[unclear] = crossing(start_m, change_m)[1].any(axis=1)
+        return entered
+
+    def least_slack_m(self) -> FloatArray:
+        """Return the least slack on the way to each stop, ``(K, B)``.
+
+        Inside a hazard itself every metre of the way counts: however thin it is, who goes
+        deeper, or right through it, has lost more.
+        """
+        outside_m = self.plane_m - self.keep_m[:, None]
+        start_m, change_m = _both_legs(outside_m, self.legs_m)
+        slack_m = (start_m + _SHARES * change_m).max(axis=-1).min(axis=(0, 2))
+
+        legs_m = self.ways_m.copy()
+        legs_m[:, _NUM_PACES:] -= legs_m[:, :_NUM_PACES]
+        length_m = np.sqrt(np.einsum("kpi,kpi->kp", legs_m, legs_m))[..., None]
+        before, entered = crossing(start_m + self.keep_m[:, None], change_m)
+        within_m = np.where(entered, np.maximum(1.0 - before, 0.0) * length_m, 0.0)
+        # Who enters before the stop begins is inside for all of the stop, come what may.
+        first, later = within_m[:, :_NUM_PACES], within_m[:, _NUM_PACES:]
+        later = np.where(entered[:, :_NUM_PACES], length_m[:, _NUM_PACES:], later)
+        within_m = (first + later).max(axis=1)
+        return np.asarray(np.where(entered.any(axis=1), -self.keep_m - within_m, slack_m))
+
+
+def _both_legs(outside_m: FloatArray, legs_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return where both legs of each way start and how much they change, as ``legs_m``."""
+    start_m, change_m = np.empty_like(legs_m), legs_m.copy()
+    start_m[:, :_NUM_PACES] = outside_m
+    np.add(outside_m, legs_m[:, :_NUM_PACES], out=start_m[:, _NUM_PACES:])
+    change_m[:, _NUM_PACES:] -= legs_m[:, :_NUM_PACES]
+    return start_m, change_m
 
 
 def _distinct(normal: FloatArray) -> list[int]:
     """Return the rows, at most ``MAX_WALLS``, that point nowhere an earlier one does."""
-    alike = normal @ normal.T > _SAME_DIRECTION
+    alike = (normal @ normal.T > _SAME_DIRECTION).tolist()
     chosen: list[int] = []
-    for row in range(len(normal)):
-        if len(chosen) < MAX_WALLS and not alike[row, chosen].any():
+    for row, like in enumerate(alike):
+        if len(chosen) < MAX_WALLS and not any(like[other] for other in chosen):
             chosen.append(row)
     return chosen

@@ -25,13 +25,16 @@ The margin never shrinks by itself: a vehicle outside a street narrower than twi
 not enter it, one that is inside may fly along it but no nearer to either wall.
 """
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
-from companion.arrays import FloatArray
+from companion.arrays import BoolArray, FloatArray
 from companion.guidance.braking import Braking
 from companion.guidance.candidates import fan, within_walls
 from companion.guidance.hazards import Hazards, Kind
@@ -51,6 +54,17 @@ _INSIDE_M = 0.05
 """So little inside a margin goes without saying: a vehicle that slides along it wavers."""
 _EMERGENCY_SHARE = 0.5
 """Of what is to be kept: losing more than this is an emergency."""
+_EMERGENCY_MPS = 1.0
+"""In an emergency no more than this of the proposal is heard, but for what leads out: what it
+asks for along a wall is taken from the vehicle's acceleration away from it."""
+_CELL_M = 5.0
+"""Side of the squares of the map for which what is near is looked up once."""
+_NUM_CELLS = 1024
+_GUSTY = 1.25
+"""A vehicle is expected no faster than this times its speed limit; it may be."""
+_FIRST = 4
+"""Of the candidates, so many are looked at before all others."""
+_ZERO: FloatArray = np.zeros(3)
 
 
 class ShieldReason(StrEnum):
@@ -147,6 +161,8 @@ class Shield:
         )
         self._braking = Braking(limits.lag_s, limits.brake_mps2)
         self._follow_s = limits.period_s + limits.reaction_s
+        self._cell_reach_m = self._reach_m(_GUSTY * max(limits.v_max_mps, limits.restore_max_mps))
+        self._in_cell = lru_cache(maxsize=_NUM_CELLS)(self._hazards_of_cell)
 
     def check(
         self,
@@ -168,7 +184,7 @@ class Shield:
         if position is None or velocity_now is None or not _believable(position, velocity_now):
             return ShieldDecision(np.zeros(3), True, ShieldReason.STATE_INVALID, float("nan"))
         given = _three(velocity_enu_mps)
-        proposal = np.zeros(3) if given is None else self._limited(given)
+        proposal = np.zeros(3) if given is None else self._slowed(given)
         obstacle_m = float(self._obstacles.signed_distance_m(position))
         clearance_m = min(obstacle_m, float(position[2]))
 
@@ -178,23 +194,33 @@ class Shield:
             chosen, reason = self._safest(proposal, position, velocity_now)
         if given is None:
             return ShieldDecision(chosen, True, ShieldReason.NOT_FINITE, clearance_m)
-        changed = bool(np.abs(chosen - given).max() > _CHANGED_MPS)
+        changed = chosen is not given and bool(np.abs(chosen - given).max() > _CHANGED_MPS)
         if reason is ShieldReason.CLEAR and changed:
             reason = ShieldReason.LIMITED
         return ShieldDecision(chosen, changed, reason, clearance_m)
 
-    def _limited(self, velocity_mps: FloatArray) -> FloatArray:
-        """Return velocities within the speed limits, ``(..., 3)``: shortened, not turned."""
+    def _slowed(self, velocity_mps: FloatArray) -> FloatArray:
+        """Return a velocity within the speed limits, ``(3,)``: shortened, not turned."""
         limits = self.limits
-        # Scaled first: the square of a huge but finite number is not finite.
-        largest = np.maximum(np.abs(velocity_mps).max(axis=-1, keepdims=True), 1.0)
-        speed_mps = np.sqrt(((velocity_mps / largest) ** 2).sum(axis=-1)) * largest[..., 0]
-        vertical_mps = velocity_mps[..., 2]
-        excess = np.maximum(
-            np.maximum(speed_mps / limits.v_max_mps, 1.0),
-            np.maximum(vertical_mps / limits.climb_max_mps, -vertical_mps / limits.descent_max_mps),
+        east_mps, north_mps, up_mps = velocity_mps.tolist()
+        # Scaled first: the length of a huge but finite vector is not finite.
+        largest = max(abs(east_mps), abs(north_mps), abs(up_mps), 1.0)
+        length = math.hypot(east_mps / largest, north_mps / largest, up_mps / largest)
+        excess = max(
+            length * (largest / limits.v_max_mps),
+            up_mps / limits.climb_max_mps,
+            -up_mps / limits.descent_max_mps,
         )
-        return np.asarray(velocity_mps / excess[..., None])
+        return velocity_mps if excess <= 1.0 else velocity_mps / excess
+
+    def _limited(self, velocity_mps: FloatArray) -> FloatArray:
+        """Return velocities within the speed limits, ``(K, 3)``: shortened, not turned."""
+        limits = self.limits
+        excess = np.sqrt(np.einsum("ki,ki->k", velocity_mps, velocity_mps)) / limits.v_max_mps
+        up_mps = velocity_mps[:, 2]
+        excess = np.maximum(excess, up_mps / limits.climb_max_mps)
+        excess = np.maximum(excess, up_mps / -limits.descent_max_mps)
+        return np.asarray(velocity_mps / np.maximum(excess, 1.0)[:, None])
 
     def _safest(
         self, proposal: FloatArray, position: FloatArray, velocity_now: FloatArray
@@ -203,78 +229,109 @@ class Shield:
         scene = self._scene(proposal, position, velocity_now)
         if scene is None:
             return proposal, ShieldReason.CLEAR
-        keep_m = scene.hazards.keep_m
-        entered = scene.entered(proposal[None], keep_m)[0]
+        stops = scene.stops(np.stack((proposal, _ZERO)))
+        entered, entered_braking = stops.entered(scene.hazards.keep_m)
         if not entered.any():
             return proposal, ShieldReason.CLEAR
 
-        # What even braking loses cannot be asked for; it must be won back.
-        slack_m = np.minimum(scene.slack_m, scene.least_slack_m(np.zeros((1, 3)))[0])
+        slack_m = scene.slack_m
+        if entered_braking.any():
+            # What even braking loses cannot be asked for; it must be won back.
+            slack_m = np.minimum(slack_m, stops.least_slack_m()[1])
         lost_m = np.maximum(-slack_m, 0.0)
-        chosen = self._nearest_safe(proposal, scene, lost_m)
         if lost_m.max() > _EMERGENCY_SHARE * self.limits.margin_m:
-            return chosen, ShieldReason.EMERGENCY
+            out = scene.nearest_normal()[lost_m.argmax()]
+            wish = _mostly_out(proposal, out)
+            return self._nearest_safe(wish, scene, lost_m), ShieldReason.EMERGENCY
+        chosen = self._nearest_safe(proposal, scene, lost_m)
         if chosen @ chosen < _BLOCKED_SHARE**2 * (proposal @ proposal):
             return chosen, ShieldReason.BLOCKED
         return chosen, _reason(scene, entered)
 
-    def _nearest_safe(self, proposal: FloatArray, scene: Scene, lost_m: FloatArray) -> FloatArray:
-        """Return the velocity nearest to the proposal that passes; the least bad if none does.
+    def _nearest_safe(self, wish: FloatArray, scene: Scene, lost_m: FloatArray) -> FloatArray:
+        """Return the velocity nearest to a wish that passes; the least bad if none does.
 
         Args:
-            proposal: Does not pass itself.
+            wish: Does not pass itself, or may not.
             scene: What is near.
             lost_m: How much of each margin is lost even if the vehicle brakes now, ``(B,)``.
         """
         normal = scene.nearest_normal()
         out_mps = self._out_mps(normal, lost_m)
         lost = lost_m > 0.0
-        bearable_m = scene.hazards.keep_m - lost_m - np.where(lost, _ALIKE_M, 0.0)
+        bearable_m = scene.hazards.keep_m - np.where(lost, lost_m + _ALIKE_M, 0.0)
 
-        # The fan is coarse and dear: only where no walls without end can be kept.
-        candidates = self._limited(self._within_walls(proposal, scene, out_mps))
-        for coarse in (False, True):
-            if coarse:
-                around = self._limited(fan(proposal, self.limits.restore_max_mps))
-                candidates = np.concatenate((candidates, around))
+        missed: list[tuple[FloatArray, FloatArray, BoolArray]] = []
+        for candidates in self._candidates(wish, scene, out_mps):
+            stops = scene.stops(candidates)
             missing_mps = np.where(lost, out_mps - candidates @ normal.T, 0.0).max(axis=1)
-            safe = ~scene.entered(candidates, bearable_m).any(axis=1)
+            safe: BoolArray = np.logical_not(stops.entered(bearable_m).any(axis=1))
             leads = safe & (missing_mps < _ALIKE_MPS)
             if leads.any():
-                return _nearest(candidates[leads], proposal)
+                return np.asarray(candidates[leads.argmax()])
+            missed.append((candidates, missing_mps, safe))
+
+        candidates, missing_mps, safe = map(np.concatenate, zip(*missed, strict=True))
         if safe.any():
             # Between two walls: what gives way to both of them alike.
             candidates, missing_mps = candidates[safe], missing_mps[safe]
-            return _nearest(candidates[missing_mps < missing_mps.min() + _ALIKE_MPS], proposal)
-        least_m = scene.least_slack_m(candidates).min(axis=1)
-        return _nearest(candidates[least_m > least_m.max() - _ALIKE_M], proposal)
+            return _nearest(candidates[missing_mps < missing_mps.min() + _ALIKE_MPS], wish)
+        least_m = scene.stops(candidates).least_slack_m().min(axis=1)
+        return _nearest(candidates[least_m > least_m.max() - _ALIKE_M], wish)
 
-    def _within_walls(self, proposal: FloatArray, scene: Scene, out_mps: FloatArray) -> FloatArray:
-        """Return the proposal and what is nearest to it with regard to all walls, ``(n, 3)``."""
-        walls = scene.walls(proposal, out_mps)
-        found = [proposal[None], within_walls(proposal, *walls)]
+    def _candidates(
+        self, wish: FloatArray, scene: Scene, out_mps: FloatArray
+    ) -> Iterator[FloatArray]:
+        """Return candidates, ``(K, 3)`` at a time, each time the nearest to the wish first."""
+        exact = _sorted(self._limited(self._within_walls(wish, scene, out_mps)), wish)
+        yield exact[:_FIRST]
+        if len(exact) > _FIRST:
+            yield exact[_FIRST:]
+        # Coarse and dear: only where no walls without end can be kept.
+        yield _sorted(self._limited(fan(wish, self.limits.restore_max_mps)), wish)
+
+    def _within_walls(self, wish: FloatArray, scene: Scene, out_mps: FloatArray) -> FloatArray:
+        """Return a wish and what is nearest to it with regard to all walls, ``(n, 3)``."""
         fastest_mps = float(out_mps.max())
+        wishes = wish[None]
         if fastest_mps > 0.0:
             # The way out comes first: what it leaves of the speed limit is for the rest.
-            share = np.sqrt(max(0.0, 1.0 - (fastest_mps / self.limits.v_max_mps) ** 2))
-            found += [within_walls(part * proposal, *walls) for part in (share, 0.5 * share, 0.0)]
-        return np.concatenate(found)
+            share = math.sqrt(max(0.0, 1.0 - (fastest_mps / self.limits.v_max_mps) ** 2))
+            wishes = np.array([[1.0], [share], [0.5 * share], [0.0]]) * wish
+        found = within_walls(wishes, *scene.walls(wish, out_mps))
+        return np.concatenate((wish[None], found))
 
     def _scene(
         self, proposal: FloatArray, position: FloatArray, velocity_now: FloatArray
     ) -> Scene | None:
         """Return what is within reach, ``None`` if nothing is."""
-        squares = (float(proposal @ proposal), float(velocity_now @ velocity_now))
-        fastest_mps = max(*np.sqrt(squares), self.limits.restore_max_mps)
-        reach_m = fastest_mps * self._follow_s + self._braking.stopping_distance_m(fastest_mps)
-        near = self._hazards.within(position, reach_m)
-        if len(near.keep_m) == 0:
+        square = max(float(proposal @ proposal), float(velocity_now @ velocity_now))
+        reach_m = self._reach_m(max(math.sqrt(square), self.limits.restore_max_mps))
+        around = self._hazards
+        if reach_m <= self._cell_reach_m:
+            east_m, north_m = position[:2].tolist()
+            around = self._in_cell(math.floor(east_m / _CELL_M), math.floor(north_m / _CELL_M))
+        plane_m = around.plane_distance_m(position)
+        near = plane_m.max(axis=1) - around.keep_m < reach_m
+        if not near.any():
             return None
-        plane_m = near.plane_distance_m(position)
-        return Scene(near, plane_m, position, velocity_now, self._braking, self._follow_s)
+        return Scene(around.take(near), plane_m[near], velocity_now, self._braking, self._follow_s)
+
+    def _hazards_of_cell(self, east: int, north: int) -> Hazards:
+        """Return the hazards that may be within reach of any place in a square of the map."""
+        middle_m = _CELL_M * np.array([east + 0.5, north + 0.5])
+        return self._hazards.around(middle_m, self._cell_reach_m + math.sqrt(0.5) * _CELL_M)
+
+    def _reach_m(self, fastest_mps: float) -> float:
+        """Return how far a vehicle gets that follows a velocity a while and then stops."""
+        return fastest_mps * self._follow_s + float(
+            self._braking.stopping_distance_m(np.array(fastest_mps))
+        )
 
     def _out_mps(self, normal: FloatArray, lost_m: FloatArray) -> FloatArray:
         """Return the speed with which to leave each margin that is lost, ``(B,)``."""
+        if lost_m.max() == 0.0:
+            return lost_m
         wanted_mps = np.minimum(lost_m / self.limits.restore_s, self.limits.restore_max_mps)
         possible = self._limited(normal * wanted_mps[:, None])
         return np.asarray(np.einsum("bi,bi->b", possible, normal))
@@ -283,7 +340,7 @@ class Shield:
         """Return the velocity to the nearest surface of the obstacle the vehicle is inside of."""
         way_m = self._obstacles.nearest_surface(position) - position
         way_m = way_m / max(float(np.sqrt(way_m @ way_m)), 1e-9)
-        return self._limited(way_m * self.limits.restore_max_mps)
+        return self._slowed(way_m * self.limits.restore_max_mps)
 
 
 def _three(values: npt.ArrayLike) -> FloatArray | None:
@@ -292,17 +349,29 @@ def _three(values: npt.ArrayLike) -> FloatArray | None:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         return None
-    return array if array.shape == (3,) and bool(np.isfinite(array).all()) else None
+    return array if array.shape == (3,) and all(map(math.isfinite, array.tolist())) else None
 
 
 def _believable(position_enu_m: FloatArray, velocity_enu_mps: FloatArray) -> bool:
-    largest = max(np.abs(position_enu_m).max(), np.abs(velocity_enu_mps).max())
-    return bool(largest < _BELIEVABLE)
+    return all(abs(x) < _BELIEVABLE for x in (*position_enu_m.tolist(), *velocity_enu_mps.tolist()))
 
 
-def _nearest(candidates: FloatArray, proposal: FloatArray) -> FloatArray:
-    offset = candidates - proposal
-    return np.asarray(candidates[np.argmin(np.einsum("ki,ki->k", offset, offset))])
+def _mostly_out(velocity_mps: FloatArray, out: FloatArray) -> FloatArray:
+    """Return what leads out of a velocity, and no more than a little of the rest."""
+    leading_mps = max(0.0, float(velocity_mps @ out)) * out
+    rest_mps = velocity_mps - float(velocity_mps @ out) * out
+    length_mps = math.sqrt(float(rest_mps @ rest_mps))
+    return leading_mps + rest_mps * min(1.0, _EMERGENCY_MPS / max(length_mps, _EMERGENCY_MPS))
+
+
+def _sorted(candidates: FloatArray, wish: FloatArray) -> FloatArray:
+    """Return the candidates, the nearest to a wish first."""
+    offset = candidates - wish
+    return np.asarray(candidates[np.einsum("ki,ki->k", offset, offset).argsort(kind="stable")])
+
+
+def _nearest(candidates: FloatArray, wish: FloatArray) -> FloatArray:
+    return np.asarray(_sorted(candidates, wish)[0])
 
 
 def _reason(scene: Scene, entered: npt.NDArray[np.bool_]) -> ShieldReason:

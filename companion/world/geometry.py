@@ -181,6 +181,8 @@ class Obstacles:
 
     def _signed_distance(self, position_m: FloatArray) -> FloatArray:
         """Return the least signed distance of ``(3, N)`` points, ``(N,)``."""
+        if position_m.shape[1] == 1 and self._inverse_square.size <= _FEW:
+            return np.asarray(self._signed_m(None, position_m).min(keepdims=True))
         return self._candidates(position_m)[-1]
 
     def _nearest(self, position_m: FloatArray) -> FloatArray:
@@ -245,8 +247,11 @@ class Obstacles:
         np.maximum(at_least_m, position_m[2] - self._heights_m, out=at_least_m)
         return at_least_m
 
-    def _signed_m(self, obstacle: IntArray, position_m: FloatArray) -> FloatArray:
-        """Return the signed distance of ``(3, P)`` points to an obstacle each, ``(P,)``."""
+    def _signed_m(self, obstacle: IntArray | None, position_m: FloatArray) -> FloatArray:
+        """Return the signed distance of ``(3, P)`` points to an obstacle each, ``(P,)``.
+
+        ``None`` is all obstacles, for one point.
+        """
         beside_m, above_m = (
             self._beside_m(obstacle, position_m),
             self._above_m(obstacle, position_m),
@@ -256,20 +261,25 @@ class Obstacles:
         signed_m += np.minimum(np.maximum(beside_m, above_m), 0.0)
         return signed_m
 
-    def _above_m(self, obstacle: IntArray, position_m: FloatArray) -> FloatArray:
+    def _above_m(self, obstacle: IntArray | None, position_m: FloatArray) -> FloatArray:
         """Return how far points are above the roof of an obstacle each, ``(P,)``."""
-        above_m: FloatArray = position_m[2] - self._heights_m[obstacle, 0]
+        roof_m = self._heights_m[:, 0]
+        above_m: FloatArray = position_m[2] - (roof_m if obstacle is None else roof_m[obstacle])
         return above_m
 
-    def _beside_m(self, obstacle: IntArray, position_m: FloatArray) -> FloatArray:
+    def _beside_m(self, obstacle: IntArray | None, position_m: FloatArray) -> FloatArray:
         """Return how far points are from the outline of an obstacle each, negative within."""
-        corner_x_m, corner_y_m = self._corner_m.take(obstacle, axis=-1)
-        edge_x_m, edge_y_m = self._edge_m.take(obstacle, axis=-1)
+        corner_m, edge_m, inverse_square = self._corner_m, self._edge_m, self._inverse_square
+        if obstacle is not None:
+            corner_m, edge_m = corner_m.take(obstacle, axis=-1), edge_m.take(obstacle, axis=-1)
+            inverse_square = inverse_square.take(obstacle, axis=-1)
+        corner_x_m, corner_y_m = corner_m
+        edge_x_m, edge_y_m = edge_m
         from_x_m = position_m[0] - corner_x_m
         from_y_m = position_m[1] - corner_y_m
         along = from_x_m * edge_x_m + from_y_m * edge_y_m
-        along *= self._inverse_square.take(obstacle, axis=-1)
-        np.clip(along, 0.0, 1.0, out=along)
+        along *= inverse_square
+        np.minimum(np.maximum(along, 0.0, out=along), 1.0, out=along)
         square_m2 = np.square(from_x_m - along * edge_x_m)
         square_m2 += np.square(from_y_m - along * edge_y_m)
         wall_m = np.sqrt(square_m2.min(axis=0))

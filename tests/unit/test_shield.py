@@ -167,7 +167,12 @@ def test_full_speed_along_a_lost_margin_leaves_room_for_the_way_out(
     along = np.array([0.0, 1.0, 0.0]) if abs(toward[1]) < 0.5 else np.array([1.0, 0.0, 0.0])
     decision = check(5.0 * along, here, drift_mps * toward)
     assert -decision.velocity_enu_mps @ toward > (1.2 if drift_mps == 0.0 else 1.45)
-    assert decision.velocity_enu_mps @ along > 2.0
+    if drift_mps == 0.0:
+        assert decision.velocity_enu_mps @ along > 2.0
+    else:
+        # More than half the margin will be lost: what leads out has the vehicle's acceleration.
+        assert decision.reason is ShieldReason.EMERGENCY
+        assert decision.velocity_enu_mps @ along == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize(("position", "toward", "slack_m", "reason"), FACES[3:])
