@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 from torch.nn import functional as F
+from torch.nn.utils import get_total_norm
 
 from training.networks import ACTION_SIZE, ActorNetwork, CriticNetwork, polyak_update
 from training.presets import DdpgOptions
@@ -27,6 +28,10 @@ class Losses(NamedTuple):
     actor: Tensor
     value: Tensor
     """Mean Q of the batch's states under the actor."""
+    critic_gradient: Tensor
+    """Norm of the gradient of the critic loss,"""
+    actor_gradient: Tensor
+    """and of the actor's."""
 
 
 class Ddpg:
@@ -83,7 +88,13 @@ class Ddpg:
         polyak_update(self.critic, self.critic_target, self.options.tau)
         polyak_update(self.actor, self.actor_target, self.options.tau)
         polyak_update(self.actor, self.actor_average, self.options.average_tau)
-        return Losses(critic_loss.detach(), actor_loss.detach(), value.detach())
+        return Losses(
+            critic_loss.detach(),
+            actor_loss.detach(),
+            value.detach(),
+            _gradient_norm(self.critic),
+            _gradient_norm(self.actor),
+        )
 
     def _next_action(self, next_observation: Tensor) -> Tensor:
         """Return mu'(s'), with TD3's clipped noise where the options ask for it."""
@@ -137,6 +148,10 @@ class Ddpg:
         """
         for name in _NETWORKS:
             getattr(self, name).load_state_dict(state[name])
+
+
+def _gradient_norm(network: torch.nn.Module) -> Tensor:
+    return get_total_norm(p.grad for p in network.parameters() if p.grad is not None)
 
 
 _NETWORKS = ("actor", "critic", "actor_target", "critic_target", "actor_average")

@@ -8,8 +8,9 @@ import torch
 
 from companion.arrays import Float32Array, FloatArray
 from companion.world.maps import Map
+from sim.guides import Surveyor
 from sim.world import CityWorld
-from training.ddpg import Ddpg
+from training.ddpg import Ddpg, Losses
 from training.evaluate import Evaluation, Policy, evaluate_policy
 from training.loop import evaluate_loop
 from training.networks import ActorNetwork
@@ -18,8 +19,14 @@ from training.presets import Preset
 from training.replay_buffer import MultiStep, ReplayBuffer
 from training.seeds import Purpose, generator
 
+TARGETS_PER_MAP = 32
+"""Where the actor is shown the way: so many targets on each map, the ways to them found before."""
 SATURATED = 0.98
 """An action column beyond this is saturated: tanh's slope is below 4 % there."""
+
+
+_LOSSES = ("critic_loss", "actor_loss", "q", "critic_gradient", "actor_gradient")
+"""Names in the log of the fields of ``Losses``, averaged over the updates between two lines."""
 
 
 class Trainer:
@@ -46,7 +53,9 @@ class Trainer:
             restart_probability=options.restart_probability,
             arrived_restart_probability=options.arrived_restart_probability,
             dynamics=options.dynamics,
+            targets_per_map=TARGETS_PER_MAP if preset.layout.shows_way else None,
         )
+        self._surveyor = Surveyor()
         network_seed = int(generator(seed, Purpose.NETWORKS).integers(2**62))
         num_columns = len(preset.layout.fields)
         self.learner = Ddpg(num_columns, preset.ddpg, network_seed)
@@ -98,7 +107,7 @@ class Trainer:
             self._set_learning_rates()
             # Line 10: a random batch; lines 11 to 14 are the learner's.
             losses = self.learner.update(self.buffer.sample(self._replay_rng))
-            self.meter.add_losses(losses.critic, losses.value)
+            self.meter.add_losses(losses)
             self.updates += 1
 
     def validate(self, now_s: Callable[[], float]) -> dict[str, Evaluation]:
@@ -115,6 +124,7 @@ class Trainer:
                 episodes=self.preset.validation_episodes,
                 seed=self.seed,
                 purpose=Purpose.VALIDATION,
+                surveyor=self._surveyor,
                 now_s=now_s,
             )
             self.best.offer(results[name], network, f"{name} after {self.updates} updates")
@@ -179,6 +189,7 @@ def fly_cases(
     episodes: int,
     seed: int,
     purpose: Purpose,
+    surveyor: Surveyor | None = None,
     now_s: Callable[[], float],
 ) -> Evaluation:
     """Evaluate a policy the way the preset's actors are judged: in the loop or kinematic."""
@@ -186,7 +197,13 @@ def fly_cases(
     if not preset.in_the_loop:
         return evaluate_policy(*place, episodes=episodes, seed=seed, purpose=purpose, now_s=now_s)
     return evaluate_loop(
-        *place, v_max_mps=v_max_mps, episodes=episodes, seed=seed, purpose=purpose, now_s=now_s
+        *place,
+        v_max_mps=v_max_mps,
+        episodes=episodes,
+        seed=seed,
+        purpose=purpose,
+        surveyor=surveyor,
+        now_s=now_s,
     )
 
 
@@ -210,11 +227,12 @@ class Meter:
     """What is averaged between two log lines."""
 
     def __init__(self) -> None:
-        self._losses, self._episodes = torch.zeros(3), np.zeros(3)
+        self._losses, self._updates, self._episodes = torch.zeros(len(_LOSSES)), 0, np.zeros(3)
 
-    def add_losses(self, critic: torch.Tensor, value: torch.Tensor) -> None:
+    def add_losses(self, losses: Losses) -> None:
         """Count one update."""
-        self._losses += torch.stack((critic, value, torch.ones(())))
+        self._losses += torch.stack(losses)
+        self._updates += 1
 
     def add_episodes(self, returns: FloatArray, reached: np.ndarray[Any, Any]) -> None:
         """Count the episodes that ended in a step."""
@@ -222,12 +240,11 @@ class Meter:
 
     def take(self) -> dict[str, float | None]:
         """Return the averages since the last call and start again."""
-        critic, value, updates = self._losses.tolist()
+        updates, sums = self._updates, self._losses.tolist()
         returns, reached, episodes = self._episodes.tolist()
-        self._losses, self._episodes = torch.zeros(3), np.zeros(3)
+        self._losses, self._updates, self._episodes = torch.zeros(len(_LOSSES)), 0, np.zeros(3)
         return {
-            "critic_loss": critic / updates if updates else None,
-            "q": value / updates if updates else None,
+            **{n: s / updates if updates else None for n, s in zip(_LOSSES, sums, strict=True)},
             "return": returns / episodes if episodes else None,
             "reached": reached / episodes if episodes else None,
             "episodes": episodes,
@@ -235,11 +252,12 @@ class Meter:
 
     def state_dict(self) -> dict[str, Any]:
         """Return the sums."""
-        return {"losses": self._losses, "episodes": self._episodes}
+        return {"losses": self._losses, "updates": self._updates, "episodes": self._episodes}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restore the sums."""
-        self._losses, self._episodes = state["losses"], state["episodes"]
+        self._losses, self._updates = state["losses"], state["updates"]
+        self._episodes = state["episodes"]
 
 
 class Best:
