@@ -30,7 +30,9 @@ class CitySplit(StrEnum):
     TEST = "test"
 
 
-_STREAM = {CitySplit.TRAINING: 1, CitySplit.VALIDATION: 2, CitySplit.TEST: 3}
+_STREAM = {CitySplit.TRAINING: 1, CitySplit.VALIDATION: 2, CitySplit.TEST: 4}
+"""Test cities came from stream 3 until actors had been chosen with an eye on their results there;
+those that are judged now are new to everybody."""
 
 
 @dataclass(frozen=True, slots=True)

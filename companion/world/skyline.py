@@ -14,8 +14,8 @@ import shapely
 from companion.arrays import Float32Array, FloatArray
 from companion.world.maps import Map
 
-MARGINS_M = (0.5, 1.5, 2.5)
-"""Against a wall, near one, and farther than the shield's margin from it."""
+MARGINS_M = (0.5, 2.0, 3.0)
+"""Beside a wall, within the shield's margin of it, and within a little more."""
 BESIDE, NEAR, FAR = range(len(MARGINS_M))
 OPEN_M = -1.0
 """Where nothing stands: below the ground, so that a vehicle on it is free."""
