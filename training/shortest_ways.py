@@ -1,8 +1,8 @@
 """Shortest ways with full knowledge of a map: a visibility graph over the obstacles' corners.
 
 In the plane shortest ways bend at corners of outlines only. Among prisms they also bend on edges,
-at heights between; the graph has a node at every corner at several heights, up to just above the
-roof. Between two of them lie a few metres: ways are that much longer than the shortest, at most.
+at places between; the graph has nodes a few metres apart up every corner and along the rim of
+every roof, and its ways are longer than the shortest by little.
 It is meant for the paper's maps; the graph of a whole town would be too large.
 """
 
@@ -18,7 +18,7 @@ from companion.world.maps import Map
 _MARGIN_M = 0.3
 """Nodes stand off the walls by this, so that rounding does not touch them."""
 _LEVEL_M = 7.5
-"""Between two heights of a corner."""
+"""Between two nodes of an edge."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,18 +100,19 @@ def way_lengths_m(ways: Sequence[FloatArray]) -> FloatArray:
 
 
 def _corners_m(city: Map) -> FloatArray:
-    """Return the free points just off every corner, a few metres apart in height."""
+    """Return the free points just off every edge, a few metres apart."""
     points: list[tuple[float, float, float]] = []
     top_m = float(city.size_m[2])
     for footprint_m, height_m in zip(city.footprints_m, city.heights_m, strict=True):
         around = shapely.Polygon(footprint_m).buffer(_MARGIN_M, join_style="mitre")
         roof_m = min(float(height_m) + _MARGIN_M, top_m)
-        levels_m = [*np.arange(0.0, roof_m, _LEVEL_M), roof_m]
         points += [
             (east_m, north_m, up_m)
             for east_m, north_m in around.exterior.coords[:-1]
-            for up_m in levels_m
+            for up_m in np.arange(0.0, roof_m, _LEVEL_M)
         ]
+        rim = shapely.segmentize(around.exterior, _LEVEL_M)
+        points += [(east_m, north_m, roof_m) for east_m, north_m in rim.coords[:-1]]
     corners_m = np.array(points).reshape(-1, 3)
     free: FloatArray = corners_m[city.is_free(corners_m)]
     return free
