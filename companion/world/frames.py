@@ -8,13 +8,15 @@ Altitudes above mean sea level are used as if they were ellipsoidal. The geoid's
 same at both ends of a map and cancels; what is left is a scale of 1e-5, 2 mm in 200 m.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pymap3d
 
 from companion.arrays import FloatArray
 from companion.errors import MapError
+
+_SWAPPED = [1, 0, 2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,14 +31,14 @@ class GeoPoint:
 
 def enu_to_ned(vector_enu: FloatArray) -> FloatArray:
     """Turn ENU components into NED components, shape ``(..., 3)``, any unit."""
-    east, north, up = np.moveaxis(np.asarray(vector_enu, dtype=np.float64), -1, 0)
-    return np.stack((north, east, -up), axis=-1)
+    vector_ned = np.asarray(vector_enu, dtype=np.float64)[..., _SWAPPED]
+    np.negative(vector_ned[..., 2], out=vector_ned[..., 2])
+    return vector_ned
 
 
 def ned_to_enu(vector_ned: FloatArray) -> FloatArray:
     """Turn NED components into ENU components, shape ``(..., 3)``, any unit."""
-    north, east, down = np.moveaxis(np.asarray(vector_ned, dtype=np.float64), -1, 0)
-    return np.stack((east, north, -down), axis=-1)
+    return enu_to_ned(vector_ned)  # its own inverse
 
 
 def geodetic_to_enu(origin: GeoPoint, point: GeoPoint) -> FloatArray:
@@ -107,6 +109,11 @@ class LocalTie:
     """Where local NED is zero, on earth; ``None`` when nobody knows."""
     map_origin: GeoPoint | None
     """The map's south-west ground corner on earth; ``None`` when nobody knows."""
+    map_to_local: FloatArray = field(init=False)  # (3, 3)
+    """The inverse of ``local_to_map``, which every setpoint needs."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "map_to_local", np.linalg.inv(self.local_to_map))
 
     @classmethod
     def from_origins(
@@ -175,8 +182,7 @@ class LocalTie:
 
     def velocity_to_local(self, velocity_enu_mps: FloatArray) -> FloatArray:
         """Return map ENU velocities in local NED, shape ``(..., 3)``."""
-        map_to_local = np.linalg.inv(self.local_to_map)
-        return enu_to_ned(np.asarray(velocity_enu_mps, dtype=np.float64) @ map_to_local.T)
+        return enu_to_ned(np.asarray(velocity_enu_mps, dtype=np.float64) @ self.map_to_local.T)
 
     def geodetic_to_map(self, point: GeoPoint) -> FloatArray:
         """Return a point on earth in map ENU, shape ``(3,)``.
