@@ -18,7 +18,7 @@ _COLUMN = 25
 _NAME = 26
 _LINES = {
     "plots/distance": "to target",
-    "plots/clearance": "to obstacle or ground",
+    "plots/clearance": "clearance",
     "plots/altitude": "vehicle",
     "plots/speed": "measured",
     "plots/velocity/east": "measured",

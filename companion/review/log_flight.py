@@ -1,5 +1,6 @@
 """A telemetry log as a ``Flight``, and as a recording for the viewer."""
 
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from companion.arrays import FloatArray
 from companion.review.log_story import LogStory
+from companion.session.colors import Color
 from companion.session.flight import NOWHERE, City, CurveData, Flight, Track
 from companion.session.log_curves import LOG_CURVES
 from companion.session.motion import painter
@@ -19,6 +21,7 @@ from companion.session.records import (
     VehicleRecord,
 )
 from companion.vehicle import Severity
+from companion.world.frames import enu_to_geodetic
 
 _LEAST_SIDE_M = 40.0
 _RIM = 0.15
@@ -35,10 +38,14 @@ def log_start(story: LogStory) -> tuple[SessionStart, list[Tick]]:
     top_m = max(0.3 * side_m, 1.1 * float(high[2]))
     speeds = [tick.velocity_enu_mps for tick in story.ticks if tick.velocity_enu_mps is not None]
     fastest = float(np.linalg.norm(np.array(speeds), axis=-1).max()) if speeds else 1.0
+    place = None
+    if story.origin is not None:
+        corner_point = enu_to_geodetic(story.origin, corner)
+        place = [corner_point.latitude_deg, corner_point.longitude_deg, corner_point.altitude_m]
     start = SessionStart(
         session_id=f"{story.path.stem}-{story.start_utc_us}",
         start_utc_us=story.start_utc_us,
-        map=MapRecord(story.path.name, [side_m, side_m, top_m]),
+        map=MapRecord(story.path.name, [side_m, side_m, top_m], origin=place),
         actor=ActorRecord(""),
         vehicle=VehicleRecord(story.senders.vehicle, story.senders.firmware, story.version),
         config={},
@@ -53,6 +60,7 @@ def log_flight(story: LogStory) -> Flight:
     """Return the log as it is reviewed."""
     start, ticks = log_start(story)
     paint = painter(start)
+    east_m, north_m, up_m = start.map.size_m
     placed = [tick for tick in ticks if tick.position_enu_m is not None]
     others = [tick for tick in ticks if tick.target_enu_m is not None]
     curves = {}
@@ -74,7 +82,7 @@ def log_flight(story: LogStory) -> Flight:
         curves=curves,
         vehicle=_track([(tick, tick.position_enu_m) for tick in placed], paint),
         target=_track([(tick, tick.target_enu_m) for tick in others], None),
-        city=City(start.map.name, (*start.map.size_m,)),  # type: ignore[arg-type]
+        city=City(start.map.name, (east_m, north_m, up_m)),
     )
 
 
@@ -122,7 +130,7 @@ def _page(story: LogStory) -> str:
         lines.append(f"- and {len(grave) - _MOST_FINDINGS} more: see the messages")
     found = "\n".join(lines)
     return (
-        f"### {headline(story)}\n\n{found}\n\n| | |\n|---|---|\n{rows}\n\n"
+        f"#### {headline(story)}\n\n{found}\n\n| | |\n|---|---|\n{rows}\n\n"
         f"{story.vehicle_name}. {_date(story.start_utc_us)}. "
         "The colour of the path is that of the flight mode.\n"
     )
@@ -141,11 +149,13 @@ def _moved(tick: Tick, corner: FloatArray) -> Tick:
     )
 
 
-def _track(steps, paint) -> Track:  # type: ignore[no-untyped-def]  # noqa: ANN001
+def _track(
+    steps: Sequence[tuple[Tick, list[float] | None]], paint: Callable[[Tick], Color] | None
+) -> Track:
     if not steps:
         return NOWHERE
     return Track(
         np.array([tick.time_s for tick, _ in steps]),
         np.array([place for _, place in steps]),
-        tuple(paint(tick) for tick, _ in steps) if paint else (),
+        () if paint is None else tuple(paint(tick) for tick, _ in steps),
     )

@@ -23,6 +23,7 @@ from companion.review.setpoints import Setpoints
 from companion.review.story import Message, Part, Story
 from companion.session.records import Event, Tick
 from companion.vehicle import Severity
+from companion.world.frames import GeoPoint
 
 _HOLE_S = 60.0  # no ticks are made up for a longer silence
 _VERSION = dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
@@ -40,7 +41,9 @@ class LogStory:
     """Of the firmware, empty where nobody asked for it."""
     story: Story
     ticks: list[Tick]
-    """Ten a second; positions in ENU metres around the local origin, up from the ground."""
+    """Ten a second; positions in ENU metres around ``origin``, up from the ground."""
+    origin: GeoPoint | None = None
+    """On earth, if the log tells."""
 
     @property
     def events(self) -> list[Event]:
@@ -90,7 +93,7 @@ def read_story(path: Path) -> LogStory:
         story.tell(end_s, f"the log's clock was set {log.clock_steps} times", Severity.NOTICE)
     story.facts[:0] = _flight_facts(ticks, end_s)
     story.facts += following_facts(ticks, PERIOD_S)
-    return LogStory(path, log.start_utc_us, end_s, senders, version, story, ticks)
+    return LogStory(path, log.start_utc_us, end_s, senders, version, story, ticks, motion.earth)
 
 
 def _play(

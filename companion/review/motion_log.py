@@ -53,6 +53,11 @@ class MotionLog:
         """Where the local frame is zero on earth."""
         self.ticks: list[Tick] = []
 
+    @property
+    def earth(self) -> GeoPoint | None:
+        """Return where the positions are zero on earth, if the log tells."""
+        return self.origin if self._has_local else self._global_origin
+
     def take(self, frame: Frame) -> None:
         """Keep one frame."""
         if frame.system_id == self._story.vehicle:
@@ -138,7 +143,7 @@ class MotionLog:
 
     def _other(self, now_s: float) -> list[float] | None:
         """Return where the one other system is that reports a position, if there is one."""
-        origin = self.origin if self._has_local else self._global_origin
+        origin = self.earth
         others = [number for number in self._newest if number < 0]
         if origin is None or len(others) != 1:
             return None

@@ -10,6 +10,7 @@ from companion.session.views import (
     assemble,
     chase_view,
     city_view,
+    earth_view,
     page,
     plan_view,
     plot,
@@ -32,6 +33,8 @@ def blueprint(start: SessionStart, *, live: bool) -> rrb.Blueprint:
         _health(start, window),
     ]
     scenes = [city_view(start.map), plan_view(start.map), chase_view(start.map)]
+    if start.map.origin is not None:
+        scenes.append(earth_view())
     return assemble(scenes, plots, window, active="Chase" if live else "City", live=live)
 
 
@@ -47,6 +50,8 @@ def log_blueprint(start: SessionStart) -> rrb.Blueprint:
         ),
     ]
     scenes = [city_view(start.map), plan_view(start.map), chase_view(start.map)]
+    if start.map.origin is not None:
+        scenes.append(earth_view())
     return assemble(scenes, plots, ALWAYS, active="City", live=False)
 
 
@@ -57,7 +62,7 @@ def map_blueprint(city: MapRecord) -> rrb.Blueprint:
 
 def _policy(start: SessionStart, window: rrb.TimeRange) -> rrb.Vertical:
     shown = (plot(curve, start, window) for curve in (curves.ACTION, curves.RHO, curves.ANGLES))
-    observation = series(curves.OBSERVATION_PATH, curves.OBSERVATION_TITLE, window)
+    observation = series(curves.OBSERVATION_PATH, curves.OBSERVATION_TITLE, window, legend=False)
     return rrb.Vertical(*shown, observation, name="Policy")
 
 

@@ -57,6 +57,10 @@ _BAND_WORDS: dict[Color, tuple[str, ...]] = {
         *("STABILIZE", "ALT_HOLD", "POSHOLD", "SPORT", "DRIFT"),
     ),
 }
+_STEPS: tuple[Color, ...] = (
+    *((255, 140, 40), (255, 190, 60), (220, 214, 90)),
+    *((140, 220, 130), (90, 210, 190), (86, 190, 245)),
+)
 _BY_WORD = {word: color for color, words in _BAND_WORDS.items() for word in words}
 _CYCLE: tuple[Color, ...] = (MEASURED, PROPOSED, SENT, TARGET, EXTRA, LIMIT, SHIELDED, FENCE)
 
@@ -70,6 +74,13 @@ def packed(color: Color) -> int:
     """Return a colour as one number, RGBA from the highest byte, opaque."""
     red, green, blue = color
     return red << 24 | green << 16 | blue << 8 | 0xFF
+
+
+def scale(share: float) -> Color:
+    """Return red for a share of 0 and less, through yellow, to blue for 1 and more, in steps."""
+    if share <= 0.0:
+        return DANGER
+    return _STEPS[min(len(_STEPS) - 1, int(share * len(_STEPS)))]
 
 
 def bright(color: Color) -> Color:

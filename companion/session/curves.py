@@ -88,16 +88,15 @@ _MEASURED = Line("measured", colors.MEASURED)
 DISTANCE = Curve(
     "plots/distance",
     "Distance to target [m]",
-    (Line("to target", colors.TARGET), Line("arrival radius", colors.LIMIT, 1.0)),
+    (Line("to target", colors.TARGET), Line("arrival", colors.LIMIT, 1.0)),
     lambda tick, start: _limit(tick.distance_m, start.arrival_radius_m),
     lambda start: (0.0, math.hypot(*start.map.size_m[:2])),
 )
 CLEARANCE = Curve(
     "plots/clearance",
-    "Clearance [m]",
-    (Line("to obstacle or ground", colors.MEASURED), Line("margin", colors.DANGER, 1.0)),
+    "Clearance of obstacles and ground [m]",
+    (Line("clearance", colors.MEASURED), Line("margin", colors.DANGER, 1.0)),
     lambda tick, start: _limit(tick.clearance_m, start.margin_m),
-    lambda start: (0.0, max(5.5, 2.75 * start.margin_m)),
 )
 ALTITUDE = Curve(
     "plots/altitude",
@@ -175,6 +174,6 @@ RATES_TITLE = "Messages received [Hz]"
 OBSERVATION_PATH = "plots/policy/observation"
 """The columns of the actor's layout."""
 OBSERVATION_TITLE = "Observation"
-INTERVENED = Line("shield intervened", colors.SHIELDED, 2.5)
+INTERVENED = Line("shield", colors.SHIELDED, 2.5)
 INTERVENED_PATH = "plots/clearance/shield"
 """A point at the clearance of every tick at which the shield changed the velocity."""

@@ -8,6 +8,7 @@ import rerun as rr
 from companion.session import scene
 from companion.session.bands import StateBand
 from companion.session.blueprint import log_blueprint
+from companion.session.earth_view import EarthView
 from companion.session.moving import Moving
 from companion.session.plan import Plan
 from companion.session.plots import Plots
@@ -49,7 +50,12 @@ def write_log_recording(
     stream.send_property("map", rr.AnyValues(name=start.map.name))
     writer = StreamWriter(stream, start.start_utc_us)
     scene.draw_map(stream, start.map)
-    for part in (Moving(writer, start), Plan(writer, start), Plots(writer, start)):
+    for part in (
+        Moving(writer, start),
+        Plan(writer, start),
+        EarthView(writer, start),
+        Plots(writer, start),
+    ):
         part.send(ticks)
     for name, changes in bands.items():
         StateBand(writer, f"state/{name.replace(' ', '_')}").send(changes)

@@ -15,6 +15,7 @@ from companion.session.records import SessionStart, Tick
 
 _SEGMENT_M = 0.4  # of the path; shorter pieces would only make the recording larger
 _COURSE_TIME_S = 1.5  # the chase camera turns that slowly
+_FAR_MARGINS = 4.0  # of clearance beyond the margin: blue
 _COURSE_SPEED_MPS = 0.5  # below it the course is noise
 
 
@@ -112,6 +113,14 @@ def path_color(tick: Tick, margin_m: float) -> Color:
         return colors.SHIELDED
     # zero is what is streamed while the autopilot takes off or holds
     return colors.MEASURED if tick.safe_enu_mps and any(tick.safe_enu_mps) else colors.IDLE
+
+
+def clearance_color(tick: Tick, margin_m: float) -> Color:
+    """Return the colour of a clearance: red inside the margin, through yellow to blue far off."""
+    if tick.clearance_m is None:
+        return colors.IDLE
+    share = (tick.clearance_m - margin_m) / (_FAR_MARGINS * max(0.1, margin_m))
+    return colors.scale(share)
 
 
 def painter(start: SessionStart) -> Callable[[Tick], Color]:

@@ -9,10 +9,13 @@ from companion.arrays import FloatArray
 from companion.session import colors, motion, scene
 from companion.session.colors import Color
 from companion.session.records import SessionStart, Tick
+from companion.session.senses import Senses
+from companion.session.target_view import TargetView
 from companion.session.writer import StreamWriter
 from companion.world.geometry import Obstacles
 
 _ARROW_S = 1.5  # an arrow ends where the vehicle would be by then
+_LOOK_S = 0.2  # between two drawings of what the actor saw
 _NEAR_MARGINS = 5.0  # obstacles farther away than this many margins are not pointed at
 _ARROWS: dict[str, tuple[Color, float, Callable[[Tick], list[float] | None]]] = {
     "proposed": (colors.PROPOSED, 0.0035, lambda tick: tick.proposed_enu_mps),
@@ -39,6 +42,19 @@ class Moving:
             writer.static(f"world/velocity/{name}", style)
         writer.static("world/plumb", scene.line_style(colors.LIMIT, 1.0))
         writer.static("world/nearest", scene.line_style(colors.SHIELDED, 1.5))
+        margin = rr.LineStrips3D(
+            [scene.circle(start.margin_m)],
+            colors=[(*colors.DANGER, 150)],
+            radii=rr.Radius.ui_points(1.0),
+        )
+        if start.margin_m:
+            writer.static("world/chase/margin", margin)
+        writer.static("world/seen/rays", scene.line_style((*colors.EXTRA, 110), 0.8))
+        writer.static("world/seen/way", scene.line_style(colors.EXTRA, 2.0))
+        self._senses = Senses(start.actor.layout, start.actor.columns)
+        self._look_due_s = 0.0
+        self._looks: list[tuple[float, FloatArray, FloatArray]] = []
+        self._target = TargetView(writer, start)
         footprints_m = [np.array(ring) for ring in start.map.footprints_m]
         self._obstacles = Obstacles(footprints_m, start.map.heights_m)
 
@@ -49,7 +65,10 @@ class Moving:
             self._send_vehicle(placed)
         targeted = [tick for tick in ticks if tick.target_enu_m is not None]
         if targeted:
-            self._send_target(targeted)
+            self._target.send(targeted)
+            self._send_path(
+                "target", [(tick, tick.target_enu_m, colors.TARGET) for tick in targeted]
+            )
 
     def _send_vehicle(self, ticks: Sequence[Tick]) -> None:
         if "vehicle" not in self._shown:
@@ -67,6 +86,8 @@ class Moving:
             pose = rr.Transform3D.columns(translation=position_m, quaternion=quaternion)
             self._writer.columns(path, times_s, pose)
         self._send_distances(times_s, position_m)
+        if self._senses.sees:
+            self._send_senses(ticks)
         for name, (_, _, velocity) in _ARROWS.items():
             self._send_arrows(f"world/velocity/{name}", ticks, velocity)
         self._send_path(
@@ -98,15 +119,26 @@ class Moving:
         ).partition([int(vector is not None) for _, vector in arrows])
         self._writer.columns(path, [tick.time_s for tick in ticks], columns)
 
-    def _send_target(self, ticks: Sequence[Tick]) -> None:
-        if "target" not in self._shown:
-            self._shown.add("target")
-            for name, shape in scene.target_shapes(self._start.arrival_radius_m).items():
-                self._writer.at(ticks[0].time_s, f"world/target/{name}", shape)
-        position_m = motion.vectors([tick.target_enu_m for tick in ticks])
-        pose = rr.Transform3D.columns(translation=position_m)
-        self._writer.columns("world/target", [tick.time_s for tick in ticks], pose)
-        self._send_path("target", [(tick, tick.target_enu_m, colors.TARGET) for tick in ticks])
+    def _send_senses(self, ticks: Sequence[Tick]) -> None:
+        """Send what the actor saw, some times a second."""
+        for tick in ticks:
+            if tick.time_s < self._look_due_s:
+                continue
+            self._look_due_s = tick.time_s + _LOOK_S
+            seen = self._senses.look(tick)
+            rays_m = np.empty((0, 2, 3)) if seen is None else seen.rays_m
+            way_m = np.empty((0, 3)) if seen is None else seen.way_m
+            self._looks.append((tick.time_s, rays_m, way_m))
+        if not self._looks:
+            return
+        times_s, rays, ways = zip(*self._looks, strict=True)
+        self._looks = []
+        columns = rr.LineStrips3D.columns(strips=[ray for each in rays for ray in each])
+        self._writer.columns("world/seen/rays", times_s, columns.partition([len(r) for r in rays]))
+        if any(len(way) for way in ways):
+            columns = rr.LineStrips3D.columns(strips=[way for way in ways if len(way)])
+            lengths = [int(len(way) > 0) for way in ways]
+            self._writer.columns("world/seen/way", times_s, columns.partition(lengths))
 
     def _send_path(
         self, name: str, steps: Sequence[tuple[Tick, list[float] | None, Color]]

@@ -4,6 +4,7 @@ Coordinates are metres east and south: the viewer's second axis points down the 
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import rerun as rr
@@ -24,6 +25,8 @@ class Plan:
         """Draw the map."""
         self._writer = writer
         self._paint = motion.painter(start)
+        if start.actor.name:  # the 3-D view tells who decided
+            self._paint = partial(motion.clearance_color, margin_m=start.margin_m)
         self._paths = {"vehicle": motion.Path(), "target": motion.Path()}
         city = start.map
         east_m, north_m, _ = city.size_m

@@ -21,6 +21,7 @@ from companion.session import colors, curves
 from companion.session.colors import Color
 from companion.session.flight import NOWHERE, City, CurveData, Flight, Track
 from companion.session.records import Event, Source
+from companion.session.rerun_log import FOLDED
 from companion.session.summary import Summary
 from companion.vehicle import Severity
 
@@ -140,10 +141,12 @@ def _read_properties(entities: dict[str, _Entity], flight: Flight) -> None:
     """Read result and settings; those of older versions are words of the summary page only."""
     page = _word(entities, "/summary", "TextDocument:text")
     flight.result = page.partition("\n")[0].lstrip("# ") or "unknown"
-    for cells in re.findall(r"^\|(.+)\|$", page, re.MULTILINE)[2:]:
+    for cells in re.findall(r"^\|(.+)\|$", page, re.MULTILINE):
         cell = [text.strip() for text in cells.split("|")]
         flight.facts += [
-            (name, value) for name, value in zip(cell[::2], cell[1::2], strict=False) if name
+            (name, value)
+            for name, value in zip(cell[::2], cell[1::2], strict=False)
+            if name.strip("-")
         ]
     summary = _word(entities, "/__properties/summary", "json")
     if summary:
@@ -204,15 +207,16 @@ def _events(name: str, entity: _Entity) -> list[Event]:
         source = "review"
     levels = entity.rows("TextLog:level")
     texts = entity.rows("TextLog:text")
-    return [
-        Event(
-            float(time_s),
-            _SEVERITIES.get((level or ["INFO"])[0], Severity.INFO),
-            source,
-            (text or [""])[0],
-        )
-        for time_s, level, text in zip(entity.times(), levels, texts, strict=True)
-    ]
+    events: list[Event] = []
+    for time_s, level, row in zip(entity.times(), levels, texts, strict=True):
+        text = (row or [""])[0]
+        if text.startswith(FOLDED) and events:
+            whole = f"{events[-1].text} {text.strip()}"
+            events[-1] = msgspec.structs.replace(events[-1], text=whole)
+            continue
+        severity = _SEVERITIES.get((level or ["INFO"])[0], Severity.INFO)
+        events.append(Event(float(time_s), severity, source, text))
+    return events
 
 
 def _track(entities: dict[str, _Entity], who: str) -> Track:

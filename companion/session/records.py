@@ -29,10 +29,13 @@ class MapRecord(msgspec.Struct, frozen=True):
     heights_m: list[float] = []
     names: list[str] = []
     content_hash: str = ""
+    origin: list[float] | None = None
+    """South-west ground corner on earth: latitude, longitude (deg), altitude (m)."""
 
 
 def map_record(city: Map) -> MapRecord:
     """Return what is drawn of a map."""
+    origin = city.origin
     return MapRecord(
         name=city.name,
         size_m=city.size_m.tolist(),
@@ -40,6 +43,9 @@ def map_record(city: Map) -> MapRecord:
         heights_m=city.heights_m.tolist(),
         names=list(city.obstacle_names),
         content_hash=city.content_hash,
+        origin=None
+        if origin is None
+        else [origin.latitude_deg, origin.longitude_deg, origin.altitude_m],
     )
 
 

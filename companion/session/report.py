@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from companion.session.records import SessionStart
 from companion.session.summary import Summary
 
-_MARKDOWN_COLUMNS = 3  # of names and values: the panel is wide and low
+_MARKDOWN_COLUMNS = 2  # of names and values: that is what a laptop shows
 
 
 def facts(summary: Summary) -> list[tuple[str, str]]:
@@ -52,13 +52,15 @@ def markdown(start: SessionStart, summary: Summary | None) -> str:
     ]
     rows += [("", "")] * (-len(rows) % _MARKDOWN_COLUMNS)
     height = len(rows) // _MARKDOWN_COLUMNS
-    lines = [["", ""] * _MARKDOWN_COLUMNS, ["---", "---"] * _MARKDOWN_COLUMNS]
-    lines += [[cell for row in rows[line::height] for cell in row] for line in range(height)]
+    lines = [[cell for row in rows[line::height] for cell in row] for line in range(height)]
+    lines.insert(1, ["---", "---"] * _MARKDOWN_COLUMNS)  # the first row is the table's head
     table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     return (
-        f"### {result}\n\n{table}\n\n"
+        f"#### {result}\n\n{table}\n\n"
         "Path: blue = the policy flew, orange = the shield changed it, red = inside the margin, "
-        "grey = the policy did not fly. Arrows: yellow = proposed, green = sent, blue = measured. "
+        "grey = the policy did not fly; in the plan, from red to blue = clearance. "
+        "Arrows: yellow = proposed, green = sent, blue = measured. "
+        "Violet: rays that met a wall, and the way the actor was shown. "
         f"Began {began:%Y-%m-%d %H:%M:%S} UTC.\n"
     )
 

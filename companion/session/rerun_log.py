@@ -4,9 +4,12 @@
     world/vehicle       its pose, and its shape as children; world/target likewise
     world/chase         the vehicle's place and course: the chase camera looks along it
     world/velocity/...  arrows: proposed, sent, measured
+    world/seen/...      rays of the observation that met a wall, and the way the actor was shown
+    world/pole          a pole at the target, with its name above the roofs
     world/path/...      where vehicle and target have been; the colour says who decided
     world/marks/...     places worth a label
     plan/...            the same from above, flat
+    earth/...           the same by latitude and longitude, on maps that lie somewhere
     plots/...           the curves of ``companion.session.curves``
     state/...           the bands of ``companion.session.bands``
     log/...             messages of the autopilot and of the companion
@@ -16,6 +19,7 @@ Records are sent as columns: a row at a time would cost ten times the bytes.
 """
 
 import contextlib
+import textwrap
 from collections.abc import Sequence
 
 import msgspec
@@ -23,6 +27,7 @@ import rerun as rr
 
 from companion.session import scene
 from companion.session.bands import Bands
+from companion.session.earth_view import EarthView
 from companion.session.moving import Moving
 from companion.session.plan import Plan
 from companion.session.plots import Plots
@@ -33,6 +38,9 @@ from companion.session.writer import StreamWriter
 from companion.vehicle import Severity
 
 _FLUSH_S = 5.0
+_FOLD = 64  # letters
+FOLDED = "    "
+"""What the second and further lines of a long text begin with."""
 _LEVELS = {
     Severity.WARNING: rr.TextLogLevel.WARN,
     Severity.NOTICE: rr.TextLogLevel.INFO,
@@ -44,11 +52,25 @@ _LEVELS = {
 def send_events(writer: StreamWriter, events: Sequence[Event], root: str = "log") -> None:
     """Send lines of text, each source on its own below ``root``."""
     for source in sorted({event.source for event in events}):
-        lines = [event for event in events if event.source == source]
+        lines = [
+            msgspec.structs.replace(event, text=text)
+            for event in events
+            if event.source == source
+            for text in _folded(event.text)
+        ]
         levels = [_LEVELS.get(line.severity, rr.TextLogLevel.ERROR) for line in lines]
         columns = rr.TextLog.columns(text=[line.text for line in lines], level=levels)
-        # tenths of a second are what the viewer's time column has room for
-        writer.columns(f"{root}/{source}", [round(line.time_s, 1) for line in lines], columns)
+        writer.columns(f"{root}/{source}", [_told_s(line.time_s) for line in lines], columns)
+
+
+def _folded(text: str) -> list[str]:
+    """Fold what the messages view of a laptop would cut off."""
+    return textwrap.wrap(text, _FOLD, subsequent_indent=FOLDED) or [""]
+
+
+def _told_s(time_s: float) -> float:
+    """Round to what the viewer's time column has room for."""
+    return round(time_s, 1) if time_s < 100.0 else float(round(time_s))
 
 
 class SessionLog:
@@ -72,6 +94,7 @@ class SessionLog:
         self._parts = (
             Moving(writer, start),
             Plan(writer, start),
+            EarthView(writer, start),
             Plots(writer, start),
             Bands(writer),
         )

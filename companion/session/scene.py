@@ -17,6 +17,7 @@ from companion.session.records import MapRecord, Mark
 
 VEHICLE_SIZE = 0.022
 """Arm of the drawn vehicle as a fraction of the map's longest side."""
+_ALARMING = ("closest", "stood down", "holding", "contact")
 _CIRCLE = 24  # corners of a drawn circle
 _LOW_COLOR = np.array([96, 108, 130])
 _HIGH_COLOR = np.array([160, 168, 190])
@@ -59,40 +60,25 @@ def vehicle_shapes(edge_m: float) -> dict[str, rr.AsComponents]:
     return {"body": _quadrotor(VEHICLE_SIZE * edge_m), "dot": _dot(colors.BODY)}
 
 
-def target_shapes(arrival_radius_m: float) -> dict[str, rr.AsComponents]:
-    """Return the target: the sphere within which the vehicle has arrived, and its centre."""
-    sphere = rr.Ellipsoids3D(
-        radii=[arrival_radius_m],
-        colors=[(*colors.TARGET, 70)],
-        fill_mode=rr.components.FillMode.Solid,
-    )
-    return {"sphere": sphere, "dot": _dot(colors.TARGET, "target")}
-
-
 def mark(record: Mark) -> rr.Points3D:
-    """Return a labelled point."""
+    """Return a labelled point, red for what went wrong or nearly so."""
+    color = colors.DANGER if record.label.startswith(_ALARMING) else colors.BODY
     return rr.Points3D(
         [record.position_enu_m],
         radii=rr.Radius.ui_points(5.0),
-        colors=[colors.DANGER],
+        colors=[color],
         labels=[record.label],
         show_labels=True,
     )
 
 
-def line_style(color: Color, width: float) -> rr.AsComponents:
+def line_style(color: Color | tuple[int, int, int, int], width: float) -> rr.AsComponents:
     """Return colour and width, in points on the screen, of a line logged without."""
     return rr.LineStrips3D.from_fields(colors=[color], radii=rr.Radius.ui_points(width))
 
 
-def _dot(color: Color, label: str | None = None) -> rr.Points3D:
-    return rr.Points3D(
-        [[0.0, 0.0, 0.0]],
-        radii=rr.Radius.ui_points(4.0),
-        colors=[color],
-        labels=None if label is None else [label],
-        show_labels=label is not None,
-    )
+def _dot(color: Color) -> rr.Points3D:
+    return rr.Points3D([[0.0, 0.0, 0.0]], radii=rr.Radius.ui_points(4.0), colors=[color])
 
 
 def _quadrotor(arm_m: float) -> rr.LineStrips3D:
@@ -100,7 +86,7 @@ def _quadrotor(arm_m: float) -> rr.LineStrips3D:
     side_m = arm_m / np.sqrt(2.0)
     rotors_m = [np.array([x, y, 0.0]) for x in (side_m, -side_m) for y in (side_m, -side_m)]
     strips = [np.array([rotors_m[0], rotors_m[3]]), np.array([rotors_m[1], rotors_m[2]])]
-    strips += [rotor_m + _circle(0.55 * arm_m) for rotor_m in rotors_m]
+    strips += [rotor_m + circle(0.55 * arm_m) for rotor_m in rotors_m]
     strips.append(np.array([[0.0, 0.0, 0.0], [1.3 * arm_m, 0.0, 0.0]]))
     white, front, rear = colors.BODY, colors.SENT, colors.MEASURED
     return rr.LineStrips3D(
@@ -147,7 +133,8 @@ def _compass(size_m: list[float]) -> rr.Arrows3D:
     )
 
 
-def _circle(radius_m: float) -> FloatArray:
+def circle(radius_m: float) -> FloatArray:
+    """Return a level circle round the origin, closed, shape ``(N, 3)``."""
     angle_rad = np.linspace(0.0, 2.0 * np.pi, _CIRCLE + 1)
     return radius_m * np.stack((np.cos(angle_rad), np.sin(angle_rad), 0.0 * angle_rad), axis=-1)
 

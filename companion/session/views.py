@@ -30,8 +30,10 @@ SLOPE_ACROSS = 1.5 * SLOPE_UP  # the view is at least that much wider than high
 
 def city_view(city: MapRecord) -> rrb.Spatial3DView:
     """See the whole map from the south-west, high enough to look into the streets."""
-    east_m, north_m, _ = city.size_m
+    east_m, north_m, up_m = city.size_m
     shown_m = [[east, north, 0.0] for east in (0.0, east_m) for north in (0.0, north_m)]
+    if not city.footprints_m:
+        shown_m += [[*corner[:2], up_m] for corner in shown_m]
     for ring, height_m in zip(city.footprints_m, city.heights_m, strict=True):
         shown_m += [[east, north, height_m] for east, north in ring]
     eye_m, centre_m = stand_back(np.array(shown_m))
@@ -77,6 +79,16 @@ def plan_view(city: MapRecord) -> rrb.Spatial2DView:
     )
 
 
+def earth_view() -> rrb.MapView:
+    """See the place on earth; the picture below the lines needs a network."""
+    return rrb.MapView(
+        origin="earth",
+        name="Map",
+        background=rrb.MapProvider.OpenStreetMap,
+        overrides={"earth/path": [VisibleTimeRanges([_WHOLE])]},
+    )
+
+
 def chase_view(city: MapRecord) -> rrb.Spatial3DView:
     """Fly behind the vehicle, looking along its course."""
     scale_m = 0.01 * max(city.size_m[:2])
@@ -88,7 +100,7 @@ def chase_view(city: MapRecord) -> rrb.Spatial3DView:
             eye_up=_UP,
         ),
         frame="world/chase",
-        hidden=("world/vehicle/dot", "world/map/north"),
+        hidden=("world/vehicle/dot", "world/map/north", "world/pole/**", "world/marks/**"),
     )
 
 
@@ -142,6 +154,7 @@ def series(
     *,
     axis_y: rrb.ScalarAxis | None = None,
     corner: rrb.Corner2D = rrb.Corner2D.RightTop,
+    legend: bool = True,
 ) -> rrb.TimeSeriesView:
     """Return the plot of everything under ``origin``."""
     return rrb.TimeSeriesView(
@@ -149,7 +162,7 @@ def series(
         name=title,
         axis_x=rrb.archetypes.TimeAxis(view_range=window),
         axis_y=axis_y,
-        plot_legend=rrb.PlotLegend(corner=corner),
+        plot_legend=rrb.PlotLegend(corner=corner, visible=legend),
     )
 
 
@@ -183,7 +196,7 @@ def assemble(
                 column_shares=[3, 2],
             ),
             rrb.Horizontal(*texts, column_shares=[8, 6, 8]),
-            row_shares=[7, 3],
+            row_shares=[13, 7],
         ),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),

@@ -237,7 +237,15 @@ def test_the_picture_shows_every_view_and_no_complaint(session, vulkan):
         sleep_s(1.0)
         views = client.get_state().views
     names = {view.name for view in views}
-    assert {"City", "Plan", "Chase", "States", "Messages", "Summary", "Clearance [m]"} <= names
+    assert {
+        "City",
+        "Plan",
+        "Chase",
+        "States",
+        "Messages",
+        "Summary",
+        "Clearance of obstacles and ground [m]",
+    } <= names
     assert [f"{view.name}: {report.summary}" for view in views for report in view.reports] == []
 
 
