@@ -20,6 +20,10 @@ _FAN_AZIMUTHS_RAD = np.arange(12) * (2.0 * np.pi / 12.0)
 _FAN_SPEEDS = (1.0, 0.5)
 _ALONG_SPEEDS = np.array([0.8, 0.6, 0.4, 0.2, -0.3])
 _TINY = 1e-9
+VERTICAL_WEIGHT = 0.5
+"""How much a change of the vertical speed counts beside one of the horizontal: where a roof is
+in the way, over it is a way, and slower is none."""
+_WEIGHTS = np.array([1.0, 1.0, VERTICAL_WEIGHT])
 _DIAGONAL = np.arange(3)
 
 
@@ -84,11 +88,18 @@ def fan(proposal_enu_mps: FloatArray, least_speed_mps: float) -> FloatArray:
     )
 
 
+def nearest_first(velocity_enu_mps: FloatArray, wish_enu_mps: FloatArray) -> FloatArray:
+    """Return velocities ``(K, 3)`` in the order of their distance from a wish ``(3,)``."""
+    offset = (velocity_enu_mps - wish_enu_mps) * _WEIGHTS
+    order = np.einsum("ki,ki->k", offset, offset).argsort(kind="stable")
+    return np.asarray(velocity_enu_mps[order])
+
+
 def within_walls(wish_enu_mps: FloatArray, normal: FloatArray, least_mps: FloatArray) -> FloatArray:
     """Return the nearest velocities that keep all walls, for tighter and tighter caps.
 
     Nearest to a wish within half-spaces is a point on one, two or three of their faces: all of
-    them are tried.
+    them are tried. Vertical changes count less: ``VERTICAL_WEIGHT``.
 
     Args:
         wish_enu_mps: Near which, shape ``(W, 3)``.
@@ -105,7 +116,8 @@ def within_walls(wish_enu_mps: FloatArray, normal: FloatArray, least_mps: FloatA
     nearing, leaving = np.minimum(least_mps, 0.0), np.maximum(least_mps, 0.0)
     bounds = np.concatenate((_TIGHTENINGS[:, None] * nearing + leaving, [nearing]))
     places, counts = _ACTIVE_SETS[len(normal)]
-    faces = normal[places] * counts[..., None]
+    # In a space whose vertical axis is shortened by the weight, nearest is as usual.
+    faces = (normal / _WEIGHTS)[places] * counts[..., None]
     gram = faces @ faces.swapaxes(1, 2)
     gram[:, _DIAGONAL, _DIAGONAL] += 1.0 + _TINY - counts
     onto = np.linalg.inv(gram) @ faces  # (S, 3, 3): from missing speeds to velocity
@@ -113,8 +125,9 @@ def within_walls(wish_enu_mps: FloatArray, normal: FloatArray, least_mps: FloatA
     gap_mps = bounds[None] - (wish_enu_mps @ normal.T)[:, None]  # (W, T, M)
     gap_mps = gap_mps.reshape(-1, len(normal))
     push = (gap_mps[:, places].swapaxes(0, 1) * counts[:, None]) @ onto  # (S, W * T, 3)
-    velocity = push + wish_enu_mps.repeat(len(bounds), axis=0)
     distance = np.einsum("sri,sri->sr", push, push)
+    push /= _WEIGHTS
+    velocity = push + wish_enu_mps.repeat(len(bounds), axis=0)
     gained = push.reshape(-1, 3) @ normal.T
     kept = (gained.reshape(*distance.shape, -1) >= gap_mps - 1e-6).all(axis=-1)
     distance[~kept] = np.inf

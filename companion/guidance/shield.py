@@ -36,7 +36,7 @@ import numpy.typing as npt
 
 from companion.arrays import BoolArray, FloatArray
 from companion.guidance.braking import Braking
-from companion.guidance.candidates import fan, within_walls
+from companion.guidance.candidates import fan, nearest_first, within_walls
 from companion.guidance.hazards import Hazards, Kind
 from companion.guidance.scene import Scene
 from companion.world.maps import Map
@@ -275,20 +275,22 @@ class Shield:
         if safe.any():
             # Between two walls: what gives way to both of them alike.
             candidates, missing_mps = candidates[safe], missing_mps[safe]
-            return _nearest(candidates[missing_mps < missing_mps.min() + _ALIKE_MPS], wish)
+            gives = missing_mps < missing_mps.min() + _ALIKE_MPS
+            return np.asarray(nearest_first(candidates[gives], wish)[0])
         least_m = scene.stops(candidates).least_slack_m().min(axis=1)
-        return _nearest(candidates[least_m > least_m.max() - _ALIKE_M], wish)
+        least_bad = least_m > least_m.max() - _ALIKE_M
+        return np.asarray(nearest_first(candidates[least_bad], wish)[0])
 
     def _candidates(
         self, wish: FloatArray, scene: Scene, out_mps: FloatArray
     ) -> Iterator[FloatArray]:
         """Return candidates, ``(K, 3)`` at a time, each time the nearest to the wish first."""
-        exact = _sorted(self._limited(self._within_walls(wish, scene, out_mps)), wish)
+        exact = nearest_first(self._limited(self._within_walls(wish, scene, out_mps)), wish)
         yield exact[:_FIRST]
         if len(exact) > _FIRST:
             yield exact[_FIRST:]
         # Coarse and dear: only where no walls without end can be kept.
-        yield _sorted(self._limited(fan(wish, self.limits.restore_max_mps)), wish)
+        yield nearest_first(self._limited(fan(wish, self.limits.restore_max_mps)), wish)
 
     def _within_walls(self, wish: FloatArray, scene: Scene, out_mps: FloatArray) -> FloatArray:
         """Return a wish and what is nearest to it with regard to all walls, ``(n, 3)``."""
@@ -362,16 +364,6 @@ def _mostly_out(velocity_mps: FloatArray, out: FloatArray) -> FloatArray:
     rest_mps = velocity_mps - float(velocity_mps @ out) * out
     length_mps = math.sqrt(float(rest_mps @ rest_mps))
     return leading_mps + rest_mps * min(1.0, _EMERGENCY_MPS / max(length_mps, _EMERGENCY_MPS))
-
-
-def _sorted(candidates: FloatArray, wish: FloatArray) -> FloatArray:
-    """Return the candidates, the nearest to a wish first."""
-    offset = candidates - wish
-    return np.asarray(candidates[np.einsum("ki,ki->k", offset, offset).argsort(kind="stable")])
-
-
-def _nearest(candidates: FloatArray, wish: FloatArray) -> FloatArray:
-    return np.asarray(_sorted(candidates, wish)[0])
 
 
 def _reason(scene: Scene, entered: npt.NDArray[np.bool_]) -> ShieldReason:

@@ -1,7 +1,8 @@
 """Measure a whole ``companion run`` against the mock: latency, jitter, processor, memory, start.
 
-``python tests/benchmarks/loop.py`` prints a Markdown table. A bare UDP echo runs before and after
-in the same conditions, so that a busy machine shows in both.
+``python tests/benchmarks/loop.py`` prints two Markdown tables. A bare UDP echo, a loop of mavutil
+and one of MAVSDK (``answers.py``) run before and after in the same conditions, so that a busy
+machine shows in all of them.
 """
 
 import json
@@ -18,9 +19,11 @@ from pathlib import Path
 
 import numpy as np
 import psutil
+from answers import round_trips_ms
 
 SECONDS = 30.0
 RATE_HZ = 50
+OTHERS = ("echo", "mavutil", "mavsdk")
 PYTHON = [sys.executable, "-m"]
 
 
@@ -30,30 +33,22 @@ def free_port():
         return probe.getsockname()[1]
 
 
-def echo_ms(seconds):
-    """Return p50 and p99 of a round trip of 65 bytes to another process, 50 a second."""
-    port = free_port()
-    code = (
-        "import socket\ns=socket.socket(socket.AF_INET,socket.SOCK_DGRAM)\n"
-        f"s.bind(('127.0.0.1',{port}))\nwhile True:\n d,a=s.recvfrom(99)\n s.sendto(d,a)"
-    )
-    other = subprocess.Popen([sys.executable, "-c", code])
-    try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here:
-            here.settimeout(1.0)
-            time.sleep(0.5)
-            trips = []
-            start = time.monotonic()
-            for k in range(int(seconds * RATE_HZ)):
-                time.sleep(max(0.0, start + k / RATE_HZ - time.monotonic()))
-                sent = time.perf_counter()
-                here.sendto(bytes(65), ("127.0.0.1", port))
-                here.recv(99)
-                trips.append(1e3 * (time.perf_counter() - sent))
-    finally:
-        other.kill()
-        other.wait()
-    return np.percentile(trips, [50, 99])
+def others_ms(seconds):
+    """Return p50 and p99 of what a bare echo, mavutil and MAVSDK take to answer a position."""
+    found = {}
+    for name in OTHERS:
+        port = free_port()
+        other = subprocess.Popen(
+            [sys.executable, str(Path(__file__).with_name("answers.py")), name, str(port)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            found[name] = round_trips_ms(port, seconds, RATE_HZ)
+        finally:
+            other.kill()
+            other.wait()
+    return found
 
 
 def first_heartbeat_s():
@@ -119,18 +114,18 @@ def fly(folder):
 
 def main():
     with tempfile.TemporaryDirectory() as folder:
-        echo_before = echo_ms(5.0)
+        before = others_ms(10.0)
         summary, share, memory_mib = fly(folder)
-        echo_after = echo_ms(5.0)
+        after = others_ms(10.0)
         rrd = sum(path.stat().st_size for path in Path(folder).rglob("*.rrd"))
     starts = [first_heartbeat_s() for _ in range(3)]
-    echo = (echo_before + echo_after) / 2
+    others = {name: (before[name] + after[name]) / 2 for name in OTHERS}
     load = os.getloadavg()[0]
     rows = [
         ("latency p50", f"{summary['latency_p50_ms']:.2f} ms", "1 ms",
-         f"{summary['latency_p50_ms'] / echo[0]:.1f} x a bare echo ({echo[0]:.2f} ms)"),
+         f"{summary['latency_p50_ms'] / others['echo'][0]:.1f} x a bare echo"),
         ("latency p99", f"{summary['latency_p99_ms']:.2f} ms", "5 ms",
-         f"{summary['latency_p99_ms'] / echo[1]:.1f} x a bare echo ({echo[1]:.2f} ms)"),
+         f"{summary['latency_p99_ms'] / others['echo'][1]:.1f} x a bare echo"),
         ("setpoint jitter p99", f"{summary['jitter_p99_ms']:.2f} ms", "5 ms (20 Hz)", ""),
         ("setpoint rate", f"{summary['setpoint_rate_hz']:.2f} Hz", f"{RATE_HZ} Hz",
          f"{summary['late_ticks']} late ticks of {summary['setpoints_sent']}"),
@@ -144,6 +139,10 @@ def main():
     print("| What | Measured | Bar | |\n|---|---|---|---|")
     for row in rows:
         print("| " + " | ".join(row) + " |")
+    print("\n| Position in, velocity out | p50 | p99 |\n|---|---|---|")
+    whole = np.array([summary["latency_p50_ms"], summary["latency_p99_ms"]])
+    for name, trip in [*others.items(), ("companion: policy, shield, recording", whole)]:
+        print(f"| {name} | {trip[0]:.2f} ms | {trip[1]:.2f} ms |")
 
 
 if __name__ == "__main__":
