@@ -6,8 +6,10 @@ Elsewhere every world has a way of its own, found anew when its target has moved
 
 from collections.abc import Sequence
 from copy import copy
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.arrays import FloatArray, IntArray
 from companion.world.maps import Map
@@ -68,23 +70,24 @@ class Guides:
         grids = [self._surveyor.grid(city) for city in maps]
         self.field_of_world: IntArray = np.arange(len(map_of_world))
         """Which way leads each world."""
+        self.led_to_enu_m: FloatArray = np.full((len(map_of_world), 3), np.inf)
+        """The targets that the ways were found for."""
         if targets_per_map is None:
             self.pool_enu_m: FloatArray | None = None
             self._ways = Ways(grids, map_of_world)
-            self._made_for_enu_m = np.full((len(map_of_world), 3), np.inf)
             return
         self.pool_enu_m = np.stack([sample_free(city, rng, targets_per_map) for city in maps])
         self._ways = Ways(grids, np.repeat(np.arange(len(maps)), targets_per_map))
         for number, target_enu_m in enumerate(self.pool_enu_m.reshape(-1, 3)):
             grid = grids[number // targets_per_map]
             self._ways.put(number, finish(WayField.spread(grid, target_enu_m)))
-        self._made_for_enu_m = self.pool_enu_m.reshape(-1, 3)
 
     def take(self, worlds: IntArray) -> "Guides":
         """Return the guides of some worlds."""
         taken = copy(self)
         taken._map_of_world = self._map_of_world[worlds]
         taken.field_of_world = self.field_of_world[worlds]
+        taken.led_to_enu_m = self.led_to_enu_m[worlds]
         return taken
 
     def draw(self, worlds: IntArray, rng: np.random.Generator) -> FloatArray:
@@ -103,7 +106,7 @@ class Guides:
         """Find new ways to the targets ``(N, 3)`` that are no longer where their ways lead."""
         if self.pool_enu_m is not None:
             return
-        moved_m = target_enu_m - self._made_for_enu_m[self.field_of_world]
+        moved_m = target_enu_m - self.led_to_enu_m
         for world in np.flatnonzero(~(np.square(moved_m).sum(axis=1) <= RENEW_M**2)):
             self._lead(int(world), target_enu_m[world])
 
@@ -111,6 +114,17 @@ class Guides:
         """Find the ways to new targets ``(K, 3)`` of some worlds."""
         for world, position_enu_m in zip(worlds.tolist(), target_enu_m, strict=True):
             self._lead(world, position_enu_m)
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Return what changes, to be saved and written into; then call ``restore``."""
+        if self.pool_enu_m is None:
+            return {"led_to_enu_m": self.led_to_enu_m}
+        return {"field_of_world": self.field_of_world}
+
+    def restore(self) -> None:
+        """Find the ways that ``arrays`` tell of."""
+        if self.pool_enu_m is None:
+            self.lead(np.arange(len(self.led_to_enu_m)), self.led_to_enu_m.copy())
 
     def ahead(
         self, position_enu_m: FloatArray, target_enu_m: FloatArray, worlds: IntArray | None = None
@@ -121,6 +135,6 @@ class Guides:
 
     def _lead(self, world: int, target_enu_m: FloatArray) -> None:
         city = self._maps[int(self._map_of_world[world])]
-        number = int(self.field_of_world[world])
-        self._ways.put(number, self._surveyor.field(city, target_enu_m))
-        self._made_for_enu_m[number] = target_enu_m
+        field = self._surveyor.field(city, target_enu_m)
+        self._ways.put(int(self.field_of_world[world]), field)
+        self.led_to_enu_m[world] = target_enu_m

@@ -356,7 +356,7 @@ class CityWorld:
             array[...] = state["arrays"][name]
         self._rng.bit_generator.state = state["rng"]
         if self._guides is not None:
-            self._guides.follow(self._target_enu_m)
+            self._guides.restore()
             self._ahead = self._guides.ahead(self._motion.estimate_enu_m, self._target_enu_m)
         return self._observe()
 
@@ -366,7 +366,7 @@ class CityWorld:
             "target_enu_m": self._target_enu_m,
             **{f"path_{f.name}": getattr(self._paths, f.name) for f in fields(self._paths)},
             **{f"episode_{f.name}": getattr(self._episodes, f.name) for f in fields(Episodes)},
-            **({} if self._guides is None else {"field_of_world": self._guides.field_of_world}),
+            **({} if self._guides is None else self._guides.arrays()),
         }
 
     def _own(self) -> None:

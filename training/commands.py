@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from companion.arrays import Float32Array
 from companion.errors import UsageError
 from companion.policy.actor import Actor
+from sim.guides import Surveyor
 from sim.world import CityWorld
 from training import cli
 from training.curves import read_log
@@ -89,6 +90,8 @@ def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float])
     for city in maps:
         actor.check_fits(city, v_max_mps or 0.0)
 
+    surveyor = Surveyor()
+
     def count(policy: Policy, *, shield: bool = False) -> Evaluation:
         flown = (policy, maps, contract.layout, contract.action)
         cases: dict[str, Any] = {
@@ -100,7 +103,7 @@ def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float])
         }
         if v_max_mps is None:
             return evaluate_policy(*flown, **cases)
-        return evaluate_loop(*flown, v_max_mps=v_max_mps, shield=shield, **cases)
+        return evaluate_loop(*flown, v_max_mps=v_max_mps, shield=shield, surveyor=surveyor, **cases)
 
     def ask(_: CityWorld, observation: Float32Array) -> Float32Array:
         return actor.act(observation)

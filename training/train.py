@@ -17,6 +17,7 @@ from companion.policy.contract import (
     MapContract,
     ObservationContract,
 )
+from sim.guides import Surveyor
 from training.evaluate import Evaluation, Policy, fly_straight
 from training.export import export_actor
 from training.networks import ActorNetwork
@@ -264,6 +265,8 @@ def _test_places(trainer: Trainer) -> list[Place]:
 def _test(
     trainer: Trainer, where: Place, network: ActorNetwork, name: str, now_s: Callable[[], float]
 ) -> EvaluationRecord:
+    surveyor = Surveyor()
+
     def count(policy: Policy) -> Evaluation:
         return fly_cases(
             trainer.preset,
@@ -273,6 +276,7 @@ def _test(
             episodes=TEST_EPISODES,
             seed=TEST_SEED,
             purpose=Purpose.TEST,
+            surveyor=surveyor,
             now_s=now_s,
         )
 

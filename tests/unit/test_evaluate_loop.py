@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from companion.guidance.guidance import propose
+from companion.guidance.guide import Guide
 from companion.guidance.shield import Shield, ShieldLimits
 from companion.policy.action import TARGET_SCALING
 from companion.policy.actor import Actor
-from companion.policy.observation import RAYS, RELATIVE
+from companion.policy.observation import RELATIVE
 from companion.world.maps import build_map, load_map
 from sim.dynamics import VelocityLag
 from sim.motion import Dynamics
@@ -83,10 +84,10 @@ def test_the_vehicle_is_that_of_the_conditions():
 def test_behind_the_shield_decisions_are_those_of_flight():
     """The batched path asks actor and shield exactly what ``companion.control`` asks them."""
     actor, city = Actor.load("flight"), load_map("env1")
-    scaling = actor.contract.action
+    scaling, layout = actor.contract.action, actor.contract.layout
     world = CityWorld(
         city,
-        RAYS,
+        layout,
         scaling,
         8,
         np.random.default_rng(4),
@@ -95,6 +96,10 @@ def test_behind_the_shield_decisions_are_those_of_flight():
     )
     guard, shield = Guard(world, 5.0), Shield(city, ShieldLimits(v_max_mps=5.0))
     observation = world.reset()
+    guides = [Guide(city, layout) for _ in range(8)]
+    for row, guide in enumerate(guides):
+        for _ in range(40):
+            guide.work(world.estimate_enu_m[row], world.target_enu_m[row])
     for _ in range(40):
         sent = guard.check(world, actor.act(observation))
         for row in range(8):
@@ -106,6 +111,7 @@ def test_behind_the_shield_decisions_are_those_of_flight():
                 velocity_enu_mps=velocity,
                 target_enu_m=world.target_enu_m[row],
                 v_max_mps=5.0,
+                ahead=guides[row].ahead(position, world.target_enu_m[row]),
             )
             decision = shield.check(
                 proposal.velocity_enu_mps, position_enu_m=position, velocity_now_enu_mps=velocity
