@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from companion.arrays import Float32Array, FloatArray
 from companion.policy.action import MIN_BEARING_DISTANCE_M, bearing_to_target_rad
+from companion.policy.horizon import way_within_horizon, within_horizon
 from companion.world.maps import Map
 from companion.world.way_ahead import WayAhead
 
@@ -257,7 +258,8 @@ RAYS = Layout(
 
 Rays run horizontally at the vehicle's height, the first toward the target, then to the left
 (counter-clockwise from above). Where a ray is free for 50 m, wall is 1 and roof 0. Lengths have
-a fixed unit, not the map's edge: nothing in it depends on the size of the map.
+a fixed unit, not the map's edge: nothing in it depends on the size of the map. A target beyond the
+horizon is shown nearer (``companion.policy.horizon``).
 """
 
 WAYS = Layout(
@@ -336,13 +338,14 @@ def build_observation(
     Returns:
         Shape ``(..., len(layout.fields))``, float32. Numbers that are not finite pass through.
     """
-    situation = Situation(
-        np.asarray(position_enu_m, dtype=np.float64),
-        np.asarray(velocity_enu_mps, dtype=np.float64),
-        np.asarray(target_enu_m, dtype=np.float64),
-        map,
-        ahead,
-    )
+    position_m = np.asarray(position_enu_m, dtype=np.float64)
+    velocity_mps = np.asarray(velocity_enu_mps, dtype=np.float64)
+    target_m = np.asarray(target_enu_m, dtype=np.float64)
+    if layout.sees_obstacles:
+        if ahead is not None:
+            ahead = way_within_horizon(position_m, target_m, ahead)
+        target_m = within_horizon(position_m, target_m)
+    situation = Situation(position_m, velocity_mps, target_m, map, ahead)
     batch = np.broadcast_shapes(
         situation.position_enu_m.shape[:-1], situation.target_enu_m.shape[:-1]
     )
