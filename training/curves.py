@@ -10,6 +10,9 @@ import numpy as np
 
 from companion.arrays import FloatArray
 
+_STEPS = 100
+_WINDOW = 4
+"""Lines of the log."""
 _POINTS = 200
 """On the common grid of several seeds."""
 
@@ -53,6 +56,27 @@ def training_curve(log: Sequence[dict[str, Any]], column: str) -> Curve:
         for entry in log
         if entry["kind"] == "training" and entry.get(column) is not None
     ]
+    return _curve(rows)
+
+
+def reward_curve(log: Sequence[dict[str, Any]], *, whole_episodes: bool) -> Curve:
+    """Return the reward earned in 100 steps over the episodes' worth of 100 steps so far.
+
+    Args:
+        log: Of the run.
+        whole_episodes: Whether every episode lasts 100 steps; its mean return is the answer then.
+            Else it is what the episodes brought that ended in a window of the log, over its steps.
+    """
+    lines = [e for e in log if e["kind"] == "training" and e.get("return") is not None]
+    if whole_episodes:
+        return _curve([(line["steps"] / _STEPS, line["return"]) for line in lines])
+    rows = []
+    for end in range(_WINDOW, len(lines)):
+        brought = sum(
+            line["return"] * line["episodes"] for line in lines[end - _WINDOW + 1 : end + 1]
+        )
+        steps = lines[end]["steps"] - lines[end - _WINDOW]["steps"]
+        rows.append((lines[end]["steps"] / _STEPS, _STEPS * brought / steps))
     return _curve(rows)
 
 

@@ -50,10 +50,10 @@ def draw_rewards(
     path: Path,
     heading: str,
 ) -> Path:
-    """Draw the reward of an episode over the episodes trained, a line a run: Figure 8.
+    """Draw the reward of 100 steps over the steps trained, a line a run: Figure 8.
 
     Args:
-        panels: By title; in each the runs by label, a ``Curve`` over episodes.
+        panels: By title; in each the runs by label, a ``Curve`` over hundreds of steps.
         levels: By the same titles.
         path: PNG to write.
         heading: Above all panels.
@@ -63,8 +63,8 @@ def draw_rewards(
     )
     for axes, (title, runs) in zip(axes_row, panels.items(), strict=True):
         axes.set_title(title)
-        axes.set_xlabel("episodes of 100 steps (thousands)")
-        axes.set_ylabel("reward of an episode")
+        axes.set_xlabel("steps of all worlds (hundred thousands)")
+        axes.set_ylabel("reward in 100 steps")
         axes.xaxis.set_major_formatter(_THOUSANDS)
         for colour, (label, curve) in zip(SEED_COLOURS, runs.items(), strict=False):
             axes.plot(curve.updates, curve.value, color=colour, alpha=0.25, linewidth=0.8)

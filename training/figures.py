@@ -42,16 +42,16 @@ def _rewards(report: Report, drawn: Drawn, path: Path, mark: str) -> Path | None
         if not runs:
             continue
         title = f"({letter}) {TITLES[map_name]}"
-        panels[title] = {f"seed {run.seed}": _curve(drawn.curves[run.name].returns) for run in runs}
+        panels[title] = {f"seed {run.seed}": _curve(drawn.curves[run.name].rewards) for run in runs}
         base = report.baseline(map_name)
         if base is not None:
             levels[title] = [
-                Level(base.planner.mean_return, "planner, no exploration"),
-                Level(base.straight.mean_return, "flying straight"),
+                Level(base.planner.mean_return, "planner, from start to step 100"),
+                Level(base.straight.mean_return, "flying straight, likewise"),
             ]
     if not panels:
         return None
-    heading = f"Figure 8: reward of an episode in training, exploration included{mark}"
+    heading = f"Figure 8: reward in training, exploration included{mark}"
     return draw_rewards(panels, levels, path, heading)
 
 

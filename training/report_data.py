@@ -55,8 +55,8 @@ class RunResult(msgspec.Struct, frozen=True):
 class RunCurves(msgspec.Struct, frozen=True):
     """How one run went."""
 
-    returns: Points
-    """Episodes so far, mean return of those that ended since the point before."""
+    rewards: Points
+    """Episodes' worth of 100 steps so far, reward in 100 steps."""
     validation: Points
     """Updates, completion rate of the better of the actor and its average."""
 
@@ -125,6 +125,8 @@ class Report(msgspec.Struct, frozen=True):
     runs: list[RunResult]
     baselines: list[Baseline]
     changes: list[Change]
+    recipe: list[tuple[str, str, str]]
+    """What, the paper's, ours."""
     unfinished: list[str]
     """Runs that were planned and have not come to their end."""
 

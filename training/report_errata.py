@@ -73,7 +73,12 @@ ERRATA = (
         "silent",
         "any contact before the arrival is a failure",
     ),
-    Erratum("E11", "B = 10000", "smaller than one sweep of many worlds", "10,000 in preset paper"),
+    Erratum(
+        "E11",
+        "B = 10000",
+        "forgets within a few steps of many worlds at once",
+        "see the recipe, and the ablation short-memory for the literal value",
+    ),
     Erratum(
         "E12",
         "env1 and env2 are drawn without numbers",
@@ -84,7 +89,7 @@ ERRATA = (
         "E13",
         "the vehicle flies on through obstacles, at a price",
         "training and test disagree on what a crash is",
-        "see the preset's `end_on_contact` and the ablations",
+        "see the recipe, and the ablation no-contact-end for the paper's way",
     ),
     Erratum(
         "E14",

@@ -11,7 +11,7 @@ from companion.policy.action import PAPER_SCALING
 from companion.policy.observation import LAYOUTS
 from companion.world.maps import load_map
 from training.baselines import PlanAndTrack
-from training.curves import read_log, training_curve, validation_curve
+from training.curves import read_log, reward_curve, validation_curve
 from training.evaluate import Policy, fly_straight, paper_world, summarise
 from training.flights import Flights, fly
 from training.networks import ActorNetwork
@@ -112,9 +112,9 @@ def measure_run(
     moving, chases = None, None
     if job.group != "ablation":
         moving, chases = cases.fly(policy, job.map, job.preset, moving=True)
-    returns = training_curve(log, "return")
-    steps_per_update = state["trainer"]["steps"] / max(state["trainer"]["updates"], 1)
-    episodes = returns.updates * steps_per_update * job.preset.num_worlds / 100.0
+    world = job.preset.world
+    whole = not world.end_on_contact and world.restart_probability == 0.0
+    rewards = reward_curve(log, whole_episodes=whole)
     validation = validation_curve(log)
     result = RunResult(
         name=job.name,
@@ -132,7 +132,7 @@ def measure_run(
         moving=moving,
     )
     curves = RunCurves(
-        returns=thinned(episodes, returns.value),
+        rewards=thinned(rewards.updates, rewards.value),
         validation=thinned(validation.updates, validation.value),
     )
     return result, curves, flights, chases

@@ -27,6 +27,7 @@ from training.report_data import (
 )
 from training.report_measure import TEST_SEED, Cases, measure_run
 from training.report_page import write_page
+from training.report_recipe import recipe
 from training.reproduce_plan import BETA, FULL, QUICK, RECIPE, SCRATCH, Job, plan
 from training.reproduce_run import Run, find_run
 from training.run_folder import RunFolder
@@ -84,6 +85,7 @@ def reproduce(options: "cli.Reproduce", typed: str, *, now_s: Callable[[], float
         runs=runs,
         baselines=cases.baselines(),
         changes=_changes(),
+        recipe=_recipe(jobs),
         unfinished=list(left),
     )
     write_report(report, drawn, out)
@@ -191,6 +193,13 @@ def _chases(shown: Mapping[str, tuple[Flights, Flights]]) -> list[Scene]:
         chase(chases, load_map(name), title=f"{name}: seen from above")
         for name, (_, chases) in shown.items()
     ]
+
+
+def _recipe(jobs: Sequence[Job]) -> list[tuple[str, str, str]]:
+    free, obstacles = (
+        next(job.preset for job in jobs if job.group == group) for group in ("free", "obstacles")
+    )
+    return recipe(free, obstacles)
 
 
 def _updates(jobs: Sequence[Job]) -> dict[str, int]:
