@@ -11,7 +11,7 @@ from companion.session.records import Event
 from companion.vehicle import Severity
 
 _SHORT_S = 0.5  # states this short are not worth a line of their own
-_LATE_MS = 20.0
+_LATE_MS = 50.0  # a tick at 20 Hz
 _BAND_FINDINGS = {
     ("target", "coast"): "no news of the target: its last velocity was carried on",
     ("target", "hold"): "no news of the target: too old to chase",

@@ -133,10 +133,10 @@ class Health:
             if self._battery_first is None:
                 self._battery_first = percent
             self._battery_last = percent
-            for limit in (_LOW, _EMPTY):
-                if percent <= limit < self._battery_told:
-                    story.warn(now_s, f"BATTERY at {percent} %")
-                    self._battery_told = limit
+            passed = [limit for limit in (_LOW, _EMPTY) if percent <= limit < self._battery_told]
+            if passed:
+                story.warn(now_s, f"BATTERY at {percent} %")
+                self._battery_told = min(passed)
         if 0 < fields.voltage_battery < 65535:
             self._volts.append(fields.voltage_battery * 1e-3)
         enabled = fields.onboard_control_sensors_enabled

@@ -57,7 +57,7 @@ class LinkQuality:
         if name in _CHARTED:
             self._in_second[name] += 1
         self._in_second["all messages"] += 1
-        if frame.system_id == story.vehicle:
+        if story.is_autopilot(frame):
             if self._last_s is not None and frame.time_s - self._last_s > _SILENCE_S:
                 silent_s = frame.time_s - self._last_s
                 story.band("link", self._last_s, "silent")
@@ -75,7 +75,7 @@ class LinkQuality:
         for sender, heard in sorted(self._heard.items()):
             lost = self._lost[sender]
             percent = 100.0 * lost / (heard + lost)
-            if sender[0] == story.vehicle and sender[1] == 1:
+            if sender == (story.vehicle, story.component):
                 story.facts.append(("Packets lost", f"{percent:.2f} % of {heard + lost}"))
                 if percent > _MANY_PERCENT:
                     text = f"{percent:.1f} % of the vehicle's packets were LOST over the whole log"
@@ -116,7 +116,7 @@ class Texts:
         for level, text in texts:
             severity = Severity(level) if 0 <= level <= 7 else Severity.DEBUG
             time_s = now_s if math.isfinite(now_s) else 0.0
-            if who[0] == story.vehicle and who[1] == 1:
+            if who == (story.vehicle, story.component):
                 story.events.append(Event(time_s, severity, "autopilot", text))
                 words = text.lower()
                 if "failsafe" in words and "clear" not in words:

@@ -17,6 +17,7 @@ from companion.review.log_file import LogFile, open_log
 from companion.review.mode_names import mode_namer
 from companion.review.modes import Modes
 from companion.review.motion_log import PERIOD_S, MotionLog, with_rates
+from companion.review.others import Others
 from companion.review.requests import Requests
 from companion.review.senders import Senders, find_senders
 from companion.review.setpoints import Setpoints
@@ -66,15 +67,17 @@ def read_story(path: Path) -> LogStory:
     """
     log = open_log(path)
     senders = find_senders(log)
-    story = Story(vehicle=senders.vehicle, who=senders.name)
+    story = Story(senders.vehicle, senders.component, who=senders.name)
     mode_name = mode_namer(senders.firmware, senders.vehicle_type)
     requests = Requests(story, mode_name, px4=senders.firmware == "px4")
-    setpoints, texts = Setpoints(story), Texts(story)
+    setpoints, texts, others = Setpoints(story), Texts(story), Others(story)
     health = Health(story, senders.firmware)
     motion = MotionLog(story, setpoints, health.height)
     link = LinkQuality(story)
-    parts: list[Part] = [requests, Modes(story, requests, mode_name), setpoints, health, texts]
-    end_s, version = _play(log, parts, (setpoints.tick, texts.tick), motion, link, senders.vehicle)
+    modes = Modes(story, requests, mode_name)
+    parts: list[Part] = [requests, modes, setpoints, health, texts, others]
+    tickers = (setpoints.tick, texts.tick, others.tick)
+    end_s, version = _play(log, parts, tickers, motion, link, story)
     for part in parts:
         part.finish(end_s)
     link.finish(end_s)
@@ -102,7 +105,7 @@ def _play(
     tickers: tuple[Callable[[float], None], ...],
     motion: MotionLog,
     link: LinkQuality,
-    vehicle: int,
+    story: Story,
 ) -> tuple[float, str]:
     """Hand every frame to whom it concerns; return the end of the log and the firmware."""
     handlers: dict[int, list[Callable[[Message], None]]] = {}
@@ -131,7 +134,7 @@ def _play(
         message = Message(frame.time_s, frame.system_id, frame.component_id, fields)
         for handle in wanted:
             handle(message)
-        if frame.message_id == _VERSION and frame.system_id == vehicle and frame.component_id == 1:
+        if frame.message_id == _VERSION and story.is_autopilot(frame):
             identity.handlers[_VERSION](fields, frame.time_s)
     return end_s, identity.version
 

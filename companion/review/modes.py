@@ -12,6 +12,7 @@ from companion.vehicle import Severity
 _ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _FAILSAFE_S = 4.0
 _STREAM_BACK_S = 3.0
+_STREAMING_S = 0.5
 _AFTER_LANDING_S = 15.0
 _SILENCE_S = 3.5  # three HEARTBEATs
 _STATUS = {
@@ -99,6 +100,8 @@ class Modes:
         elif self._in_failsafe(now_s):
             reason, severity = "a FAILSAFE of the autopilot", Severity.WARNING
             story.failsafe_s = None
+            if obeys_setpoints(before):
+                reason += self._last_setpoint(now_s)
         elif disarming:
             reason = "after disarming"
         elif before.endswith("TAKEOFF"):
@@ -114,6 +117,19 @@ class Modes:
         story = self._story
         spoke = story.failsafe_s is not None and 0.0 <= now_s - story.failsafe_s < _FAILSAFE_S
         return spoke or story.now("status") in _STATUS.values()
+
+    def _last_setpoint(self, now_s: float) -> str:
+        """Return what the stream of setpoints had to do with it."""
+        last_s = self._story.setpoint_s
+        if last_s is None:
+            return ""
+        since_s = now_s - last_s
+        if since_s < _STREAMING_S:
+            return (
+                ", although setpoints were SENT all the time: they were lost on the way, or "
+                "it is about something else"
+            )
+        return f", {since_s:.1f} s after the last setpoint"
 
     def _stream_is_back(self, now_s: float) -> bool:
         began_s = self._story.stream_began_s

@@ -105,7 +105,7 @@ class Requests:
 
     def _ask(self, message: Message, params: tuple[float, float, float, float]) -> None:
         fields, story = message.fields, self._story
-        if message.system_id == story.vehicle and message.component_id == 1:
+        if story.is_autopilot(message):
             return
         if fields.target_system not in (0, story.vehicle) or fields.command not in _TOLD:
             return

@@ -26,6 +26,8 @@ class Senders:
 
     vehicle: int
     """System id of the autopilot that is heard most."""
+    component: int
+    """Its component id, 1 as a rule."""
     firmware: str
     """``px4``, ``ardupilot`` or empty."""
     vehicle_type: int
@@ -38,7 +40,7 @@ class Senders:
     def name(self, system_id: int, component_id: int) -> str:
         """Return who that is, for people: ``companion 1/191``."""
         ids = f"{system_id}/{component_id}"
-        if (system_id, component_id) == (self.vehicle, 1):
+        if (system_id, component_id) == (self.vehicle, self.component):
             return "the autopilot"
         kind = _KINDS.get(self.kinds.get((system_id, component_id), -1))
         if kind is None and system_id >= _LOWEST_GROUND_STATION:
@@ -60,7 +62,7 @@ def find_senders(log: LogFile) -> Senders:
     """
     decoder = dialect.MAVLink(None)
     heard: Counter[int] = Counter()
-    firmware: dict[int, tuple[int, int]] = {}
+    firmware: dict[int, tuple[int, int, int]] = {}
     kinds: dict[tuple[int, int], int] = {}
     seen: set[int] = set()
     for frame in log.frames():
@@ -74,14 +76,19 @@ def find_senders(log: LogFile) -> Senders:
         kinds[frame.system_id, frame.component_id] = heartbeat.type
         if heartbeat.autopilot != dialect.MAV_AUTOPILOT_INVALID and heartbeat.type not in _KINDS:
             heard[frame.system_id] += 1
-            firmware[frame.system_id] = (heartbeat.autopilot, heartbeat.type)
+            firmware[frame.system_id] = (
+                frame.component_id,
+                heartbeat.autopilot,
+                heartbeat.type,
+            )
     if not heard:
         who = ", ".join(map(str, sorted(seen)[:8]))
         raise UsageError(f"{log.path} has no HEARTBEAT of an autopilot, only of systems {who}")
     (vehicle, _), *others = heard.most_common()
-    autopilot, vehicle_type = firmware[vehicle]
+    component, autopilot, vehicle_type = firmware[vehicle]
     return Senders(
         vehicle,
+        component,
         _FIRMWARE.get(autopilot, ""),
         vehicle_type,
         sorted(other for other, _ in others),

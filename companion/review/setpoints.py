@@ -92,7 +92,7 @@ class Setpoints:
         who = (message.system_id, message.component_id)
         self.total += 1
         self.senders.add(who)
-        self.time_s = now_s
+        self.time_s = story.setpoint_s = now_s
         self._note_velocity(message)
         flying = story.external and story.armed
         stream = self._streams.get(who)

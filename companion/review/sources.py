@@ -1,5 +1,7 @@
 """Opens whatever is given as a flight: a session folder, a recording, a telemetry log."""
 
+import os
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +136,8 @@ def whole_recording(recording: Path) -> Path:
         if _FOOTER_MAGIC in file.read():
             return recording
     mended = recording.with_suffix(f".{MENDED}.rrd")
+    if not os.access(recording.parent, os.W_OK):
+        mended = Path(tempfile.mkdtemp(prefix="companion-review-")) / mended.name
     if not viewer.optimize(recording, mended):
         raise UsageError(f"{recording} is cut off or not a recording, and cannot be mended")
     return mended

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
+from companion.review.log_file import Frame
 from companion.session.records import Event
 from companion.vehicle import Severity
 
@@ -40,6 +41,8 @@ class Story:
 
     vehicle: int = 0
     """System id."""
+    component: int = 1
+    """Of the autopilot."""
     events: list[Event] = field(default_factory=list)
     bands: Bands = field(default_factory=dict)
     facts: list[tuple[str, str]] = field(default_factory=list)
@@ -57,6 +60,13 @@ class Story:
     landed_s: float | None = None
     """When the vehicle last touched the ground."""
     stream_began_s: float | None = None
+    """When setpoints began to flow, or flowed again after a gap."""
+    setpoint_s: float | None = None
+    """When the last setpoint was sent."""
+
+    def is_autopilot(self, sender: Message | Frame) -> bool:
+        """Return whether it is the autopilot itself that speaks."""
+        return (sender.system_id, sender.component_id) == (self.vehicle, self.component)
 
     def tell(self, time_s: float, text: str, severity: Severity = Severity.INFO) -> None:
         """Add a line of our own."""
