@@ -1,6 +1,6 @@
 """What keeps the policy from flying for a while: stale, doubtful or contradictory knowledge."""
 
-from companion.guidance.limits import POSITION_STALE_SOFT_S
+from companion.guidance.limits import HEARTBEAT_LATE_S, POSITION_STALE_SOFT_S
 from companion.guidance.reasons import Reason
 from companion.guidance.situation import Situation
 from companion.guidance.target import TargetTier
@@ -17,6 +17,8 @@ def why_hold(s: Situation, frame_settled_s: float) -> tuple[Reason, str] | None:
     v = s.vehicle
     if v is None or s.now_s - v.time_s > POSITION_STALE_SOFT_S:
         return Reason.POSITION_LATE, "position is late"
+    if s.now_s - v.heartbeat_time_s > HEARTBEAT_LATE_S:
+        return Reason.HEARTBEAT_LATE, "no heartbeat: it is not known who has the vehicle"
     if not v.position_valid:
         return Reason.POSITION_INVALID, "the estimator does not vouch for the position"
     if s.now_s < frame_settled_s:

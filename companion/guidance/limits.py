@@ -9,6 +9,8 @@ IDLE_STREAM_S = 0.6
 """Zero setpoints before OFFBOARD is asked for; PX4 needs one that is younger than 1 s."""
 POSITION_STALE_SOFT_S = 0.25
 POSITION_STALE_HARD_S = 0.5
+HEARTBEAT_LATE_S = 3.0
+"""Without a HEARTBEAT nobody knows who has the vehicle: it is held; two may be lost."""
 LINK_LOST_S = 5.0
 TARGET_LOST_S = 10.0
 HOLDING_LIMIT_S = 10.0

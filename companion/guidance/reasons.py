@@ -43,6 +43,8 @@ class Reason(StrEnum):
     """DO_PAUSE_CONTINUE, addressed to us."""
 
     LINK_SILENT = "link_silent"
+    HEARTBEAT_LATE = "heartbeat_late"
+    """Without one nobody knows who has the vehicle."""
     LINK_FAILED = "link_failed"
     """The transport itself: a TCP stream was closed, a serial port unplugged."""
     STALL = "stall"

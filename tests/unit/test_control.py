@@ -102,7 +102,7 @@ def test_the_pilot_arms_takes_off_and_selects_offboard(constant_actor):
     assert all(not velocity.any() for time_s, velocity in spy.sent if time_s < 4.0)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     takeover_s=st.floats(0.5, 24.0),
     mode=st.sampled_from([FlightMode.HOLD, FlightMode.OTHER, FlightMode.LAND, FlightMode.RETURN]),
@@ -184,6 +184,21 @@ def test_a_moving_target_is_caught(constant_actor):
     assert ticks[-1].target_enu_m is not None
     horizontal_m = np.hypot(*(np.array(ticks[-1].target_enu_m) - ticks[-1].position_enu_m)[:2])
     assert summary.outcome == "arrived" or horizontal_m < 5.0
+
+
+def test_a_target_never_heard_is_waited_for_and_then_refused(constant_actor, caplog):
+    caplog.set_level("INFO", "companion")
+    summary, spy, records = fly(constant_actor(), source=TargetSource(system_id=42))
+    assert (summary.outcome, summary.exit_code) == ("refused", 5)
+    assert summary.reason_code == "not_ready"
+    assert "42" in summary.reason
+    assert not spy.sent
+    events = [record for record in records if isinstance(record, Event)]
+    assert "42" in events[0].text
+    assert events[0].time_s < 1.0
+    again = [record.message for record in caplog.records if "of 90 s" in record.message]
+    assert 7 <= len(again) <= 9
+    assert "10 s of 90 s" in again[0]
 
 
 def test_signal_hands_over(constant_actor):

@@ -365,6 +365,25 @@ def test_a_silent_link_ends_without_setpoints():
     assert EXIT_CODES[directive.outcome] == 4
 
 
+@pytest.mark.parametrize(
+    ("age_s", "phase"),
+    [
+        (rules.HEARTBEAT_LATE_S - 0.1, Phase.ENGAGED),
+        (rules.HEARTBEAT_LATE_S + 0.1, Phase.HOLDING),
+        (rules.LINK_LOST_S + 0.1, Phase.DONE),
+    ],
+)
+def test_positions_alone_do_not_tell_who_has_the_vehicle(age_s, phase):
+    bench = Bench().engaged()
+    heard_s = bench.now_s
+    while bench.now_s < heard_s + age_s:
+        bench.set(time_s=bench.now_s + TICK_S)
+        directive = bench.tick(alive=False)
+    assert directive.phase is phase
+    assert (directive.stream is Stream.POLICY) == (phase is Phase.ENGAGED)
+    assert bench.asked == []
+
+
 @pytest.mark.parametrize("tier", [TargetTier.HOLD, TargetTier.LOST, TargetTier.NONE])
 def test_a_silent_target_stops_the_vehicle_and_a_new_report_resumes(tier):
     bench = Bench().engaged()
