@@ -37,6 +37,7 @@ from companion.vehicle import (
     VehicleState,
 )
 from companion.world.maps import Map
+from companion.world.neighbourhood import Neighbourhood
 
 HEARTBEAT_PERIOD_S = 1.0
 ARRIVAL_RADIUS_M = 5.0
@@ -95,6 +96,7 @@ class Flight:
         self._positions = Positions(
             mission.map, mission.target, earth_radius_m=vehicle.info.earth_radius_m
         )
+        self._surroundings = Neighbourhood(mission.map)
         self._guide = Guide(mission.map, mission.actor.contract.layout)
         self._supervisor = Supervisor(mission.plan, now_s=self._start_s)
         self._metrics = Metrics(start_s=self._start_s, rate_hz=mission.rate_hz)
@@ -238,7 +240,7 @@ class Flight:
             return None
         proposal = propose(
             self._mission.actor,
-            self._mission.map,
+            self._surroundings.around(pose.position_enu_m),
             position_enu_m=pose.position_enu_m,
             velocity_enu_mps=pose.velocity_enu_mps,
             target_enu_m=target.position_enu_m,
@@ -296,7 +298,8 @@ class Flight:
 
     def _clearance_m(self, pose: Pose) -> float:
         """Return the distance from the nearest obstacle or the ground, as the shield measures."""
-        obstacle_m = float(self._mission.map.obstacles.signed_distance_m(pose.position_enu_m))
+        obstacles = self._surroundings.around(pose.position_enu_m).obstacles
+        obstacle_m = float(obstacles.signed_distance_m(pose.position_enu_m))
         return min(obstacle_m, float(pose.position_enu_m[2]))
 
     def _rates_hz(self, now_s: float) -> Mapping[str, float] | None:

@@ -12,6 +12,7 @@ import numpy as np
 from companion.arrays import FloatArray
 from companion.policy.observation import Layout
 from companion.world.maps import Map
+from companion.world.neighbourhood import Neighbourhood
 from companion.world.way_ahead import WayAhead, Ways
 from companion.world.ways import CELL_M, RENEW_M, WINDOW_CELLS, WayField, WayGrid, finish, through
 
@@ -31,6 +32,7 @@ class Guide:
 
     def __init__(self, city: Map, layout: Layout) -> None:
         self._city, self._needed = city, layout.shows_way
+        self._surroundings = Neighbourhood(city)
         self._windowed = bool((city.size_m[:2] > WINDOW_CELLS * CELL_M).any())
         self._grid: WayGrid | None = None
         if self._needed and not self._windowed:
@@ -89,7 +91,8 @@ class Guide:
     def _find(self, position_enu_m: FloatArray, target_enu_m: FloatArray) -> Iterator[None]:
         grid = self._grid
         if grid is None or self._off_center(position_enu_m):
-            grid = yield from through(WayGrid.build(self._city, position_enu_m))
+            here = self._surroundings.around(position_enu_m)
+            grid = yield from through(WayGrid.build(here, position_enu_m))
         field = yield from through(WayField.spread(grid, target_enu_m))
         self._grid, self._made_for_enu_m = grid, target_enu_m
         self._ways = Ways([grid], np.zeros(1, dtype=np.int64))

@@ -40,6 +40,7 @@ from companion.guidance.candidates import fan, nearest_first, within_walls
 from companion.guidance.hazards import Hazards, Kind
 from companion.guidance.scene import Scene
 from companion.world.maps import Map
+from companion.world.neighbourhood import Neighbourhood
 
 _BLOCKED_SHARE = 0.1
 """A proposal of which less than this is left counts as blocked."""
@@ -155,7 +156,7 @@ class Shield:
 
     def __init__(self, city: Map, limits: ShieldLimits) -> None:
         self.limits = limits
-        self._obstacles = city.obstacles
+        self._surroundings = Neighbourhood(city)
         self._hazards = Hazards.of_map(
             city, margin_m=limits.margin_m, min_height_m=limits.min_height_m
         )
@@ -185,7 +186,8 @@ class Shield:
             return ShieldDecision(np.zeros(3), True, ShieldReason.STATE_INVALID, float("nan"))
         given = _three(velocity_enu_mps)
         proposal = np.zeros(3) if given is None else self._slowed(given)
-        obstacle_m = float(self._obstacles.signed_distance_m(position))
+        obstacles = self._surroundings.around(position).obstacles
+        obstacle_m = float(obstacles.signed_distance_m(position))
         clearance_m = min(obstacle_m, float(position[2]))
 
         if obstacle_m < 0.0:
@@ -340,7 +342,8 @@ class Shield:
 
     def _way_out(self, position: FloatArray) -> FloatArray:
         """Return the velocity to the nearest surface of the obstacle the vehicle is inside of."""
-        way_m = self._obstacles.nearest_surface(position) - position
+        obstacles = self._surroundings.around(position).obstacles
+        way_m = obstacles.nearest_surface(position) - position
         way_m = way_m / max(float(np.sqrt(way_m @ way_m)), 1e-9)
         return self._slowed(way_m * self.limits.restore_max_mps)
 

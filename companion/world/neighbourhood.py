@@ -12,8 +12,8 @@ import numpy as np
 from companion.arrays import FloatArray
 from companion.world.maps import Map
 
-REACH_M = 120.0
-"""Everything nearer than this is there: more than rays, the shield and the way round look at."""
+REACH_M = 170.0
+"""Everything nearer than this is there: as far as the way round looks, and farther than rays do."""
 STRIDE_M = 40.0
 """The piece is cut anew when the vehicle is farther than this from its middle."""
 
