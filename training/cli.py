@@ -51,7 +51,7 @@ class Train:
 class Evaluate:
     """Fly held-out cases and count; flying straight at the target is counted beside it.
 
-    An actor whose contract has a speed is flown as it flies: asked 20 times a second, on a vehicle
+    An actor of a vehicle that lags is flown as it flies: asked 20 times a second, on a vehicle
     that lags, in gusts. One of the paper's kinematic point is flown by the paper's step.
     """
 

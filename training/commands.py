@@ -80,7 +80,9 @@ def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float])
     actor = Actor.load(options.actor)
     contract, maps = actor.contract, place.test_maps()
     v_max_mps = contract.dynamics.v_max_mps
-    if options.shield and v_max_mps is None:
+    # What was trained on a vehicle with a lag is flown on one; the paper's point has none.
+    in_the_loop = contract.dynamics.velocity_lag_s is not None
+    if options.shield and not in_the_loop:
         raise UsageError(
             f"--shield needs a vehicle with a speed: {actor.name} is evaluated as the paper's "
             f"kinematic point"
@@ -101,7 +103,7 @@ def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float])
             "measure_clearance": True,
             "now_s": now_s,
         }
-        if v_max_mps is None:
+        if v_max_mps is None or not in_the_loop:
             return evaluate_policy(*flown, **cases)
         return evaluate_loop(*flown, v_max_mps=v_max_mps, shield=shield, surveyor=surveyor, **cases)
 
@@ -119,7 +121,7 @@ def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float])
                 cities=place.cities,
                 seed=options.seed,
                 moving=options.moving,
-                in_the_loop=v_max_mps is not None,
+                in_the_loop=in_the_loop,
                 straight_completion_rate=straight.completion_rate,
                 with_shield=shielded,
                 command=typed,
