@@ -168,6 +168,11 @@ def _checksum(content: bytes, seed: int) -> bytes:
     return crc.to_bytes(2, "little")
 
 
+def is_readable(frame: bytes) -> bool:
+    """Return whether a packet has no incompatibility flags but the one of a signature."""
+    return frame[0] == _MAGIC_V1 or not frame[2] & ~_SIGNED
+
+
 def reheaded(frame: bytes, *, sequence: int, incompatible: int) -> bytes:
     """Return an unsigned MAVLink 2 frame with another header, its checksum made anew.
 

@@ -40,7 +40,7 @@ from mavsdk.plugins.mavlink_direct_server import (
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.errors import LinkLostError, LinkOpenError
-from companion.link.codec import Codec, Received
+from companion.link.codec import Codec, Received, is_readable
 
 _PATIENCE_S = 2.0
 """MAVSDK answers in well under a millisecond; after this its threads are stuck."""
@@ -85,8 +85,8 @@ class MavsdkCodec(Codec):
             LinkLostError: If MAVSDK hangs.
         """
         known = dialect.mavlink_map.get(received.message_id)
-        if known is None:
-            return None
+        if known is None or not is_readable(received.frame):
+            return None  # MAVSDK would take what follows an unknown flag for a part of the frame
         # MAVSDK says nothing of a frame that it does not like: the mark behind it tells
         self._marks = (self._marks + 1) & 0x7FFFFFFF
         mark = dialect.MAVLink_named_value_int_message(0, _MARK_NAME, self._marks)

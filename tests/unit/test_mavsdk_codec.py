@@ -217,3 +217,27 @@ def test_two_at_once_and_a_third_after():
 def test_it_is_loaded_only_when_chosen():
     check = "import sys, companion.run; sys.exit('mavsdk' in sys.modules)"
     subprocess.run([sys.executable, "-c", check], check=True)
+
+
+@pytest.mark.parametrize("flags", [0x02, 0x03, 0x80, 0xFE])
+def test_unknown_incompatibility_flags_never_reach_mavsdk(codec, flags):
+    """MAVSDK waits for more of such a frame and is stuck: neither parser nor codec lets it in."""
+    frame = bytearray(HEARTBEAT.pack(dialect.MAVLink(None, 7, 1)))
+    frame[2] = flags
+    crc = dialect.x25crc(bytes(frame[1:-2]) + bytes((HEARTBEAT.crc_extra,))).crc
+    frame[-2:] = crc.to_bytes(2, "little")
+    assert Parser().receive(bytes(frame), 0.0) == []
+    asked = codec._marks
+    assert codec.decode(Received(0.0, 7, 1, 0, bytes(frame))) is None
+    assert codec._marks == asked
+
+
+def test_the_library_is_loaded_before_the_link_is_open():
+    """Its loading takes longer than the kernel keeps an autopilot's packets."""
+    script = (
+        "import sys; from companion.link import opening\n"
+        "def opened(address): raise SystemExit('mavsdk' in sys.modules)\n"
+        "opening.open_transport = opened\n"
+        "opening.connect('udp:127.0.0.1:0', backend='mavsdk')"
+    )
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 1
