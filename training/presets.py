@@ -237,7 +237,7 @@ _FLIGHT_FREE = Preset(
         horizon=60,
         reward=Reward(beta=0.96, arrival_weight=9.0, keep_m=1.0, keep_weight=0.02),
         restart_probability=0.02,
-        arrived_restart_probability=0.1,
+        arrived_restart_probability=0.2,
         dynamics=_FLYING,
     ),
     ddpg=DdpgOptions(gamma=0.9747, pre_activation_penalty=0.001, twin_critics=True),

@@ -30,7 +30,8 @@ class Skyline:
     """The south-west node, east and north on the map."""
     spacing_m: float
     height_m: Float32Array  # (len(MARGINS_M), nodes east, nodes north)
-    """Highest roof within each margin, plus the margin; ``OPEN_M`` where there is none."""
+    """Highest roof within each margin, plus the margin; ``OPEN_M`` where there is none. The sides
+    of the map, from which the shield keeps off as well, count as walls but for the least margin."""
 
     @classmethod
     def survey(
@@ -50,6 +51,9 @@ class Skyline:
         east_m, north_m = (low_m[axis] + spacing_m * np.arange(nodes[axis]) for axis in (0, 1))
         ground_m = np.stack(np.meshgrid(east_m, north_m, indexing="ij"), axis=-1).reshape(-1, 2)
         height_m = np.full((len(MARGINS_M), len(ground_m)), OPEN_M, dtype=np.float32)
+        inside_m = np.minimum(ground_m, city.size_m[:2] - ground_m).min(axis=1)
+        for raster_m, margin_m in zip(height_m[1:], MARGINS_M[1:], strict=True):
+            raster_m[inside_m < margin_m] = city.size_m[2]
         outlines = np.array([shapely.Polygon(outline) for outline in city.footprints_m])
         tree = shapely.STRtree(outlines)
         for first in range(0, len(ground_m), _NODES_A_PART):

@@ -18,7 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from companion.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from companion.world.maps import Map
-from companion.world.skyline import BESIDE, FAR, NEAR, Skyline
+from companion.world.skyline import BESIDE, FAR, MARGINS_M, NEAR, Skyline
 
 CELL_M = 2.5
 WINDOW_CELLS = 64
@@ -31,7 +31,7 @@ _NODES = 4
 """Nodes of the skyline on the edge of a cell."""
 _SEES_CELLS = 2
 """Cells no farther from the target's than this may see it."""
-_NEAR_FACTOR = 4.0
+_NEAR_FACTOR = 8.0
 _FAR_FACTOR = 1.5
 """How much farther a way seems within the skyline's margins. It takes them where it must: a target
 or a vehicle stands there, or a gap is narrow."""
@@ -116,6 +116,7 @@ class WayGrid:
         for margin, price in ((FAR, _FAR_FACTOR), (NEAR, _NEAR_FACTOR)):
             center_m = skyline.height_m[margin, _NODES // 2 :: _NODES, _NODES // 2 :: _NODES]
             factor[height_m < center_m[..., None]] = price
+            factor[..., height_m > city.size_m[2] - MARGINS_M[margin]] = price
         yield None
         costs = []
         for move in MOVES[:HERE]:
