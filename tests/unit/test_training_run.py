@@ -115,6 +115,7 @@ def logged(folder):
     ("preset", "stage", "map_name", "layout"),
     [
         ("paper", "free", "free", "paper"),
+        ("paper", "obstacles", "env1", "rays"),
         ("flight", "free", "free", "relative"),
         ("flight", "obstacles", "env1", "rays"),
     ],
@@ -160,11 +161,30 @@ def test_the_log_has_what_it_promises(tmp_path):
     training = [entry for entry in entries if entry["kind"] == "training"][-1]
     assert training["updates"] == 24
     assert len(training["saturated"]) == 3
-    for key in ("return", "reached", "critic_loss", "q", "epsilon", "updates_per_s", "steps_per_s"):
+    assert all(0.0 <= share <= 1.0 for share in training["saturated"])
+    measured = ("return", "reached", "critic_loss", "actor_loss", "q", "epsilon")
+    rates = ("updates_per_s", "steps_per_s")
+    for key in (*measured, *rates):
         assert key in training
+    assert training["critic_gradient"] > 0.0
+    assert training["actor_gradient"] > 0.0
     validation = [entry for entry in entries if entry["kind"] == "validation"]
     assert [entry["updates"] for entry in validation] == [8, 16, 24]
     assert {"actor", "actor_average"} <= validation[0].keys()
+
+
+def test_the_same_seed_is_the_same_run(tmp_path):
+    record = make_record(
+        preset="paper",
+        stage="obstacles",
+        layout="rays",
+        map="env1",
+        map_hash=load_map("env1").content_hash,
+    )
+    runs = [start_run(record, RunFolder(tmp_path / name)) for name in ("first", "second")]
+    for name, trainer in zip(("first", "second"), runs, strict=True):
+        run_to_the_end(trainer, RunFolder(tmp_path / name))
+    assert_same(*runs)
 
 
 def test_another_seed_is_another_run(tmp_path):
@@ -323,9 +343,12 @@ def test_the_contract_tells_what_the_vehicle_was_like_in_training():
     assert dynamics.v_max_mps == 5.0
     assert dynamics.step_s == pytest.approx(flight.action.rho_max * 100.0 / 5.0)
 
-    kinematic = Trainer(tiny("paper", "free"), Place(map="free"), 0)
-    paper = contract_of(make_record(preset="paper", layout="paper"), kinematic, ()).dynamics
-    assert (paper.step_s, paper.v_max_mps, paper.velocity_lag_s) == (None, None, None)
+    for layout, clock in (("paper", (None, None)), ("rays", (4.0, 5.0))):
+        preset = dataclasses.replace(tiny("paper", "free"), layout_name=layout)
+        kinematic = Trainer(preset, Place(map="free"), 0)
+        paper = contract_of(make_record(preset="paper", layout=layout), kinematic, ()).dynamics
+        assert (paper.step_s, paper.v_max_mps) == clock
+        assert paper.velocity_lag_s is None
 
 
 def test_cities_need_a_layout_that_shows_obstacles(tmp_path):
