@@ -27,7 +27,7 @@ class Budget:
     """Of each run of the free stage; the preset's where none is given,"""
     obstacle_updates: int | None = None
     """and of each run among obstacles, likewise."""
-    ablation_updates: int = 20_000
+    ablation_updates: int = 8_000
     transfer_seeds: int = 3
     """How many of the seeds compare transfer with scratch,"""
     ablation_seeds: int = 1
@@ -37,11 +37,11 @@ class Budget:
 
 FULL = Budget()
 QUICK = Budget(
-    free_updates=8_000,
-    obstacle_updates=20_000,
-    ablation_updates=5_000,
+    free_updates=4_000,
+    obstacle_updates=12_000,
+    ablation_updates=3_000,
     transfer_seeds=1,
-    cases=300,
+    cases=500,
 )
 
 
@@ -96,10 +96,14 @@ def plan(
     for seed in seeds[: budget.transfer_seeds]:
         jobs.append(_job("ablation", RECIPE, short, ABLATION_MAP, seed, init=f"free-seed{seed}"))
         jobs.append(_job("ablation", SCRATCH, short, ABLATION_MAP, seed))
-    for seed in seeds[: budget.ablation_seeds]:
-        for name, ablation in ablations.items():
-            jobs += _ablation_jobs(name, ablation, budget, free, short, seed)
-    return tuple(jobs)
+    changed = [
+        _ablation_jobs(name, ablation, budget, free, short, seed)
+        for seed in seeds[: budget.ablation_seeds]
+        for name, ablation in ablations.items()
+    ]
+    for ablation_jobs in sorted(changed, key=len):  # those that need a free stage come last
+        jobs += ablation_jobs
+    return _without_doubles(jobs)
 
 
 def shortened(preset: Preset, updates: int | None) -> Preset:
@@ -121,6 +125,22 @@ def _ablation_jobs(
     own_free = shortened(ablation.change(free), budget.free_updates)
     source = _job("free", name, own_free, "free", seed)
     return [source, _job("ablation", name, changed, ABLATION_MAP, seed, init=source.name)]
+
+
+def _without_doubles(jobs: list[Job]) -> tuple[Job, ...]:
+    """Return the jobs without free stages that are another one under another name."""
+    first: dict[tuple[str, int], str] = {}
+    kept: list[Job] = []
+    for job in jobs:
+        if job.group == "free":
+            same = first.setdefault((job.preset.digest, job.seed), job.name)
+            if same != job.name:
+                continue
+        elif job.init is not None and job.init not in {other.name for other in kept}:
+            source = next(other for other in jobs if other.name == job.init)
+            job = replace(job, init=first[source.preset.digest, source.seed])
+        kept.append(job)
+    return tuple(kept)
 
 
 def _meaning(preset: Preset) -> tuple[object, ...]:
