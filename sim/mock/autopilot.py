@@ -166,6 +166,14 @@ class Autopilot(ABC):
             self._shift_held_points(step_m)
             self._keep_home(step_m)
 
+    def lose_gps(self, *, lost: bool) -> None:
+        """Let the receiver lose its fix, or find it again: then the estimate is right again."""
+        if lost is (self.estimator.gps_lost_at_s is not None):
+            return
+        self.estimator.gps_lost_at_s = self.now_s if lost else None
+        if not lost:
+            self.reset_estimate(subtract(ZERO, self.estimator.error_m))
+
     def reset_estimate(self, step_m: Vector) -> None:
         """Shift the estimate with a reset (P20): what the vehicle holds on to moves along."""
         self.estimator.reset(step_m)

@@ -1,4 +1,4 @@
-"""A point mass that answers velocity demands as PX4's position controller does.
+"""A point mass that answers velocity demands as the autopilots' controllers do.
 
 Plain floats instead of arrays: there is one vehicle, stepped a hundred times a second, and
 three-element numpy arrays would cost ten times as much.
@@ -18,20 +18,27 @@ GRAVITY_MPS2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """How fast the vehicle follows; fitted to PX4 SIH (2 m/s step: 1.4 m/s after 1.5 s)."""
+    """How fast the vehicle follows a velocity; every personality has its own fit.
+
+    A velocity controller with an integral works against drag: the vehicle soon has a share of
+    what was asked for, and the rest only when the integral has found out about the drag.
+    """
 
     velocity_lag_s: float = 0.5
+    """One over the gain of the horizontal velocity controller."""
     climb_lag_s: float = 0.5
     attitude_lag_s: float = 0.15
     """Time the airframe needs to tilt; gives the step its soft start."""
+    thrust_lag_s: float = 0.15
+    drag_per_s: float = 0.0
+    """Deceleration by drag per speed."""
+    integral_per_s2: float = 0.0
+    climb_integral_per_s2: float = 0.0
     acceleration_xy_mps2: float = 3.0
-    """MPC_ACC_HOR."""
     acceleration_up_mps2: float = 2.0
-    """Recorded take-offs gain 1.9 m/s per second, well below MPC_ACC_UP_MAX."""
     acceleration_down_mps2: float = 3.0
-    """MPC_ACC_DOWN_MAX."""
     shortfall: float = 0.0
-    """Steady share of a horizontal velocity that is never reached (PX4 SIH: 0.16)."""
+    """Steady share of a horizontal velocity that is never reached, whatever the integral does."""
 
 
 @dataclass(slots=True)
@@ -77,6 +84,8 @@ class PointMass:
     acceleration_mps2: Vector = ZERO
     yaw_rad: float = 0.0
     yaw_rate_radps: float = 0.0
+    trim_mps2: Vector = ZERO
+    """What the integral of the velocity controller adds."""
 
     @property
     def on_ground(self) -> bool:
@@ -99,7 +108,7 @@ class PointMass:
 
     def rest(self) -> None:
         """Stand still where it is: motors idle or off, on the ground."""
-        self.velocity_mps = self.acceleration_mps2 = ZERO
+        self.velocity_mps = self.acceleration_mps2 = self.trim_mps2 = ZERO
         self.yaw_rate_radps = 0.0
         self.position_m = (self.position_m[0], self.position_m[1], min(0.0, self.position_m[2]))
 
@@ -127,28 +136,31 @@ class PointMass:
         """
         response = self.response
         reach = 1.0 - response.shortfall
-        want = (
-            reach * velocity_mps[0] + drift_mps[0],
-            reach * velocity_mps[1] + drift_mps[1],
-            velocity_mps[2] + drift_mps[2],
-        )
-        lags_s = (response.velocity_lag_s, response.velocity_lag_s, response.climb_lag_s)
-        north, east, down = (
-            (goal - now) / lag_s + extra
-            for goal, now, lag_s, extra in zip(
-                want, self.velocity_mps, lags_s, feedforward_mps2, strict=True
-            )
-        )
+        vn, ve, vd = self.velocity_mps
+        tn, te, td = self.trim_mps2
+        north_error = reach * velocity_mps[0] + drift_mps[0] - vn
+        east_error = reach * velocity_mps[1] + drift_mps[1] - ve
+        down_error = velocity_mps[2] + drift_mps[2] - vd
+        drag = response.drag_per_s
+        north = north_error / response.velocity_lag_s + tn - drag * vn + feedforward_mps2[0]
+        east = east_error / response.velocity_lag_s + te - drag * ve + feedforward_mps2[1]
+        down = down_error / response.climb_lag_s + td - drag * vd + feedforward_mps2[2]
         horizontal = math.hypot(north, east)
         if horizontal > response.acceleration_xy_mps2:
             north *= response.acceleration_xy_mps2 / horizontal
             east *= response.acceleration_xy_mps2 / horizontal
+        else:  # at the limit it does not wind up
+            tn += response.integral_per_s2 * north_error * dt_s
+            te += response.integral_per_s2 * east_error * dt_s
+        if -response.acceleration_up_mps2 < down < response.acceleration_down_mps2:
+            td += response.climb_integral_per_s2 * down_error * dt_s
         down = min(response.acceleration_down_mps2, max(-response.acceleration_up_mps2, down))
-        blend = 1.0 - math.exp(-dt_s / response.attitude_lag_s)
+        self.trim_mps2 = (tn, te, td)
+        tilt = 1.0 - math.exp(-dt_s / response.attitude_lag_s)
+        push = 1.0 - math.exp(-dt_s / response.thrust_lag_s)
         an, ae, ad = self.acceleration_mps2
-        an, ae, ad = an + (north - an) * blend, ae + (east - ae) * blend, ad + (down - ad) * blend
+        an, ae, ad = an + (north - an) * tilt, ae + (east - ae) * tilt, ad + (down - ad) * push
         self.acceleration_mps2 = (an, ae, ad)
-        vn, ve, vd = self.velocity_mps
         self.velocity_mps = (vn + an * dt_s, ve + ae * dt_s, vd + ad * dt_s)
         self._move(dt_s)
 
@@ -164,7 +176,7 @@ class PointMass:
         if self.position_m[2] >= 0.0 and vd >= 0.0:
             # Skids are on the ground: no sinking, and friction takes the rest.
             self.position_m = (self.position_m[0], self.position_m[1], 0.0)
-            self.velocity_mps = self.acceleration_mps2 = ZERO
+            self.velocity_mps = self.acceleration_mps2 = self.trim_mps2 = ZERO
 
 
 def wrap_pi(angle_rad: float) -> float:

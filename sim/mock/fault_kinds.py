@@ -81,13 +81,8 @@ def _gps_glitch(spec: Spec) -> Act:
 def _gps_loss(spec: Spec) -> Act:
     def act(vehicle: "MockVehicle") -> Undo:
         autopilot = vehicle.autopilot
-        autopilot.estimator.gps_lost_at_s = autopilot.now_s
-
-        def back() -> None:
-            autopilot.estimator.gps_lost_at_s = None
-            autopilot.reset_estimate(subtract(ZERO, autopilot.estimator.error_m))
-
-        return back
+        autopilot.lose_gps(lost=True)
+        return lambda: autopilot.lose_gps(lost=False)
 
     return act
 

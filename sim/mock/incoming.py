@@ -79,6 +79,20 @@ def _mission_list(autopilot: Autopilot, channel: Channel, message: Any) -> None:
     channel.send(mavlink.MAVLink_mission_count_message(*sender, 0, message.mission_type))
 
 
+def _mission_refused(autopilot: Autopilot, channel: Channel, message: Any) -> None:
+    """Refuse an upload, and requests for items that are not there."""
+    _acknowledge_mission(channel, message, mavlink.MAV_MISSION_UNSUPPORTED)
+
+
+def _mission_clear(autopilot: Autopilot, channel: Channel, message: Any) -> None:
+    _acknowledge_mission(channel, message, mavlink.MAV_MISSION_ACCEPTED)
+
+
+def _acknowledge_mission(channel: Channel, message: Any, result: int) -> None:
+    sender = message.get_srcSystem(), message.get_srcComponent()
+    channel.send(mavlink.MAVLink_mission_ack_message(*sender, result, message.mission_type))
+
+
 def _log_list(autopilot: Autopilot, channel: Channel, message: Any) -> None:
     channel.send(mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
@@ -110,6 +124,10 @@ SHARED_HANDLERS: dict[str, Handler] = {
     "PARAM_REQUEST_LIST": _param_list,
     "PARAM_SET": _param_set,
     "MISSION_REQUEST_LIST": _mission_list,
+    "MISSION_COUNT": _mission_refused,
+    "MISSION_REQUEST_INT": _mission_refused,
+    "MISSION_REQUEST": _mission_refused,
+    "MISSION_CLEAR_ALL": _mission_clear,
     "LOG_REQUEST_LIST": _log_list,
     "FILE_TRANSFER_PROTOCOL": _ftp,
 }

@@ -18,6 +18,11 @@ class Sticks:
     up: float = 0.0
     turn: float = 0.0
 
+    @property
+    def centred(self) -> bool:
+        """Whether the vehicle is to stay where it is."""
+        return self.forward == self.right == self.up == 0.0
+
 
 @dataclass(slots=True)
 class Pilot:

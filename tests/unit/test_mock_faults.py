@@ -216,6 +216,7 @@ def test_a_lost_acknowledgement_still_means_the_command_was_obeyed():
 
 def test_low_battery_is_shown_and_acts_only_if_told_to():
     bench = flying("from=offboard,t=8,kind=battery_low,level=0.06")
+    bench.vehicle.autopilot.parameters.override("COM_LOW_BAT_ACT", 0)
     hover(bench, 6.0)
     assert bench.last("SYS_STATUS").battery_remaining == 6
     assert bench.vehicle.autopilot.mode.name == "OFFBOARD"

@@ -1,6 +1,7 @@
 """Where the mock stands, what its targets do and what its referee sees."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,6 @@ from companion.errors import MapError, UsageError
 from companion.world.frames import GeoPoint, geodetic_to_enu
 from companion.world.maps import load_map
 from sim.mock.bench import Bench
-from sim.mock.dynamics import Response
 from sim.mock.geodesy import SphericalProjection
 from sim.mock.placement import place_vehicle
 from sim.mock.px4.personality import PX4
@@ -195,6 +195,72 @@ def test_follow_target_carries_position_and_velocity():
     assert len(bench.all("FOLLOW_TARGET")) == pytest.approx(20, abs=1)
 
 
+def test_a_recorded_path_is_flown_once_through_from_where_it_is_put(tmp_path):
+    track = tmp_path / "track.csv"
+    track.write_text("time_s,east_m,north_m,up_m\n5,0,0,10\n7,4,0,10\n9,4,6,12\n")
+    place = place_vehicle(None, None)
+    target = parse_target(f"kind=recorded,file={track}", place, np.random.default_rng(0))
+    assert target.position_enu_m(1.0) == pytest.approx([2.0, 0.0, 10.0])
+    assert target.position_enu_m(9.0) == pytest.approx([4.0, 6.0, 12.0])
+    moved = parse_target(f"kind=recorded,at=1:2:3,file={track}", place, np.random.default_rng(0))
+    assert moved.position_enu_m(2.0) == pytest.approx([5.0, 2.0, 3.0])
+
+
+def test_the_flight_of_another_vehicle_can_be_followed(tmp_path):
+    bench = Bench()
+    bench.run(2.0)
+    bench.run(0.3, stream=bench.velocity(0.0, 0.0, -1.0))
+    bench.command(176, 1.0, 6.0)
+    bench.command(400, 1.0)
+    bench.run(8.0, stream=bench.velocity(2.0, -1.0, -1.0))
+    flown = bench.last("LOCAL_POSITION_NED")
+    log = tmp_path / "flight.tlog"
+    log.write_bytes(
+        b"".join(
+            round((1e9 + r.time_s) * 1e6).to_bytes(8, "big") + r.packet for r in bench.received
+        )
+    )
+    rng = np.random.default_rng(0)
+    target = parse_target(f"kind=recorded,file={log}", place_vehicle(None, None), rng)
+    assert target.position_enu_m(99.0) == pytest.approx([flown.y, flown.x, -flown.z], abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [("0,0,0,1\n", "no track"), ("1,2\n", "expected time_s"), ("0,0,0,1\n0,0,0,2\n", "rise")],
+)
+def test_a_track_that_is_none_is_refused(tmp_path, content, complaint):
+    track = tmp_path / "track.csv"
+    track.write_text(content)
+    with pytest.raises(UsageError, match=complaint):
+        parse_target(
+            f"kind=recorded,file={track}", place_vehicle(None, None), np.random.default_rng(0)
+        )
+
+
+def test_a_telephone_repeats_itself_and_drops_out():
+    bench = Bench(targets=["kind=straight,at=0:0:10,to=0:500:10,message=follow,repeat=4,drop=25"])
+    bench.run(50.0)
+    reports = bench.all("FOLLOW_TARGET")
+    assert len(reports) == pytest.approx(150, abs=25)
+    assert len({message.lat for message in reports}) == pytest.approx(50, abs=2)
+
+
+def test_two_systems_of_one_id_are_in_two_places():
+    bench = Bench(targets=["kind=static,at=0:0:10"], faults=["t=1,kind=target_clash,east=40"])
+    bench.run(3.0)
+    assert (
+        len(
+            {
+                message.lon
+                for message in bench.all("GLOBAL_POSITION_INT")
+                if message.get_srcSystem() == 42
+            }
+        )
+        == 2
+    )
+
+
 # -- referee -------------------------------------------------------------------------------
 
 
@@ -208,7 +274,7 @@ def test_flying_into_a_wall_is_one_contact_seen_by_everybody(yard):
     assert len(report["contacts"]) == 1
     contact = report["contacts"][0]
     assert contact["position_enu_m"][0] == pytest.approx(25.1, abs=0.2)
-    assert contact["speed_mps"] == pytest.approx(4.0, abs=0.2)
+    assert contact["speed_mps"] == pytest.approx(3.3, abs=0.2)
     assert report["min_clearance_m"] < 0.0
     assert any(text.startswith("Contact with an obstacle") for text in bench.texts())
     assert bench.last("NAMED_VALUE_INT").value == 1
@@ -221,7 +287,7 @@ def test_a_wall_passed_at_a_distance_is_no_contact(yard):
     report = bench.vehicle.report()
     assert report["contacts"] == []
     assert report["min_clearance_m"] == pytest.approx(15.0, abs=0.2)
-    assert report["max_speed_mps"] == pytest.approx(4.0, abs=0.1)
+    assert report["max_speed_mps"] == pytest.approx(3.45, abs=0.1)
     assert report["distance_flown_m"] > 20.0
 
 
@@ -282,16 +348,18 @@ def test_a_companion_that_ignores_mode_changes_is_told_from_one_that_does_not():
 
 
 def test_steady_shortfall_is_what_it_says():
-    settings = Settings(place_vehicle(None, None), response=Response(shortfall=0.16))
-    bench = airborne(settings)
-    bench.run(6.0, stream=bench.velocity(2.0, 0.0, 0.0))
+    response = replace(PX4.response, shortfall=0.16)
+    bench = airborne(Settings(place_vehicle(None, None), response=response))
+    bench.run(30.0, stream=bench.velocity(2.0, 0.0, 0.0))
     assert bench.last("LOCAL_POSITION_NED").vx == pytest.approx(1.68, abs=0.02)
 
 
 def test_velocity_step_is_as_fast_as_px4_sih():
-    bench = airborne(Settings(place_vehicle(None, None), response=Response(shortfall=0.16)))
+    bench = airborne(Settings(place_vehicle(None, None)))
     bench.run(1.5, stream=bench.velocity(2.0, 0.0, 0.0))
-    assert bench.last("LOCAL_POSITION_NED").vx == pytest.approx(1.45, abs=0.25)
+    assert bench.last("LOCAL_POSITION_NED").vx == pytest.approx(1.45, abs=0.2)
+    bench.run(3.5, stream=bench.velocity(2.0, 0.0, 0.0))
+    assert bench.last("LOCAL_POSITION_NED").vx == pytest.approx(1.68, abs=0.05)
 
 
 def test_wind_drifts_a_hovering_vehicle_and_noise_shakes_its_report():

@@ -8,7 +8,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.mock.bench import Bench
+from sim.mock.placement import place_vehicle
 from sim.mock.px4.parameters import PX4_DEFAULTS, Px4Parameters
+from sim.mock.vehicle import Settings
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 PROTOCOL = 0x0300
@@ -450,3 +452,41 @@ def test_global_setpoints_in_other_frames_are_refused():
         )
     )
     assert bench.vehicle.report()["setpoints_refused"] == 1
+
+
+# -- identity, slow answers, missions ------------------------------------------------------
+
+
+def test_another_system_id_is_another_vehicle():
+    bench = Bench(Settings(place_vehicle(None, None), system_id=7))
+    bench.run(2.0)
+    assert {received.packet[5] for received in bench.received} == {7}
+    assert bench.command(400, 1.0, system=1) is None
+    assert bench.command(400, 1.0) == 0
+    bench.send(mavlink.MAVLink_param_request_read_message(7, 1, b"MAV_SYS_ID", -1))
+    bench.run(0.1)
+    assert struct.unpack("<I", bench.last("PARAM_VALUE").get_msgbuf()[10:14])[0] == 7
+
+
+@pytest.mark.parametrize("kind", ["ack_late", "in_progress"])
+def test_an_answer_may_take_its_time(kind):
+    bench = Bench(faults=[f"t=1.5,for=5,kind={kind},ms=800"])
+    bench.run(2.0)
+    arm = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1.0, 0, 0, 0, 0, 0, 0)
+    asked_s = bench.time_s
+    bench.send(arm)
+    bench.run(1.0)
+    acks = [(r.time_s, r.message.result) for r in bench.received if r.name == "COMMAND_ACK"]
+    assert [result for _, result in acks] == ([5, 0] if kind == "in_progress" else [0])
+    assert acks[-1][0] - asked_s == pytest.approx(0.8, abs=0.02)
+    bench.run(4.0)
+    assert bench.command(400, 1.0) == 0
+
+
+def test_an_upload_of_a_mission_is_refused_and_clearing_none_is_done():
+    bench = Bench()
+    bench.run(2.0)
+    bench.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
+    bench.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 1))
+    answers = [(m.type, m.mission_type, m.target_component) for m in bench.all("MISSION_ACK")]
+    assert answers == [(3, 0, 191), (0, 1, 191)]

@@ -139,17 +139,17 @@ def test_p16_boot_goes_from_uninit_to_standby_when_ready():
 # -- armed and on the ground ---------------------------------------------------------------
 
 
-def test_p18_disarms_ten_seconds_after_arming_without_take_off():
+def test_p18_disarms_ten_seconds_after_spooling_up_without_take_off():
     bench = booted()
     still = bench.velocity(0.0, 0.0, 0.0)
     bench.run(0.2, stream=still)
     bench.command(SET_MODE, *OFFBOARD)
     bench.command(ARM, 1.0)
     armed_s = bench.time_s
-    bench.run(9.0, stream=still)
+    bench.run(10.5, stream=still)
     assert bench.vehicle.autopilot.armed
     bench.run(3.0, stream=still, until=lambda: not bench.vehicle.autopilot.armed)
-    assert bench.time_s - armed_s == pytest.approx(10.0, abs=0.5)
+    assert bench.time_s - armed_s == pytest.approx(11.0, abs=0.1)  # PX4's own clock: 11.02 s
     assert altitude_m(bench) == pytest.approx(0.0, abs=0.05)
 
 
@@ -204,19 +204,82 @@ def test_velocity_stream_does_not_disturb_auto_takeoff():
     assert abs(bench.last("LOCAL_POSITION_NED").x) < 0.1
 
 
+# -- signs of life -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["local", "global", "attitude"])
+def test_p1_any_setpoint_message_at_two_hertz_is_a_sign_of_life(kind):
+    bench = booted()
+    streams = {
+        "local": bench.velocity(0.0, 0.0, -0.5),
+        "global": lambda: mavlink.MAVLink_set_position_target_global_int_message(
+            0, 1, 1, 6, 0xDC7, 0, 0, 0.0, 0.0, 0.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0
+        ),
+        "attitude": lambda: mavlink.MAVLink_set_attitude_target_message(
+            0, 1, 1, 7, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.6
+        ),
+    }
+    stream = streams[kind]
+    bench.run(1.0, stream=stream, rate_hz=2.0)
+    assert bench.command(SET_MODE, *OFFBOARD) == ACCEPTED
+    assert bench.command(ARM, 1.0) == ACCEPTED
+    bench.run(8.0, stream=stream, rate_hz=2.0)
+    assert mode(bench) == 0x00060000
+    assert bench.vehicle.autopilot.failsafe_words is None
+
+
+def test_p5_the_failsafe_is_told_after_one_second_and_shown_in_the_next_heartbeat():
+    bench = flying()
+    bench.send(gcs_heartbeat(), identity=(255, 190))
+    bench.run(1.0, stream=bench.velocity(2.0, 0.0, 0.0))
+    silent_s = bench.time_s
+    bench.received.clear()
+    bench.run(3.0)
+    told_s, shown_s = (
+        next(
+            r.time_s
+            for r in bench.received
+            if r.name == name and getattr(r.message, field) in (value, f"{value}\t")
+        )
+        for name, field, value in (
+            ("STATUSTEXT", "text", "Failsafe activated"),
+            ("HEARTBEAT", "system_status", 5),
+        )
+    )
+    assert told_s - silent_s == pytest.approx(1.0, abs=0.1)
+    assert 0.0 <= shown_s - told_s <= 1.0
+
+
+@pytest.mark.parametrize("system", [1, 255, 77])
+def test_p15_a_heartbeat_of_type_gcs_counts_as_a_ground_station_whatever_its_system(system):
+    bench = booted()
+    bench.send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3), identity=(system, 191))
+    bench.command(SET_MODE, 1.0, 99.0)
+    assert bench.texts() == []
+    bench.send(gcs_heartbeat(), identity=(system, 191))
+    bench.command(SET_MODE, 1.0, 99.0)
+    assert "Unsupported main mode" in bench.texts()
+
+
 # -- offboard in the air -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     "velocity",
-    [(2.0, 0.0, 0.0), (0.0, -1.5, -0.5), (-3.0, 1.0, 0.5)],
+    [(2.0, 0.0, 0.0), (0.0, -1.5, -0.5), (-3.0, 1.0, -0.5)],
     ids=["north", "west", "mixed"],
 )
 def test_velocity_setpoints_are_followed_axis_by_axis(velocity):
     bench = flying()
-    bench.run(4.0, stream=bench.velocity(*velocity))
+    bench.run(5.0, stream=bench.velocity(*velocity))
     last = bench.last("LOCAL_POSITION_NED")
-    assert (last.vx, last.vy, last.vz) == pytest.approx(velocity, abs=0.1)
+    north, east, down = velocity
+    # Horizontally 16 % are still missing after 5 s, as recorded; in the end there is all of it.
+    assert (last.vx, last.vy) == pytest.approx((0.84 * north, 0.84 * east), abs=0.1)
+    assert last.vz == pytest.approx(down, abs=0.05)
+    bench.run(25.0, stream=bench.velocity(*velocity))
+    last = bench.last("LOCAL_POSITION_NED")
+    assert (last.vx, last.vy, last.vz) == pytest.approx(velocity, abs=0.05)
 
 
 def test_p3_offboard_without_a_stream_is_rejected_while_armed():
@@ -355,7 +418,8 @@ def test_p7_body_frame_is_turned_by_yaw():
     assert bench.last("ATTITUDE").yaw == pytest.approx(math.pi / 2, abs=0.05)
     bench.run(4.0, stream=bench.setpoint(velocity=(2.0, 0.0, 0.0), type_mask=0xDC7, frame=8))
     last = bench.last("LOCAL_POSITION_NED")
-    assert (last.vx, last.vy) == pytest.approx((0.0, 2.0), abs=0.1)
+    assert last.vx == pytest.approx(0.0, abs=0.01)
+    assert last.vy == pytest.approx(1.65, abs=0.1)
 
 
 def test_p8_all_axes_masked_is_invalid_and_does_not_count_as_stream():
@@ -409,16 +473,21 @@ def test_p10_zero_means_everybody(target):
 
 def test_silly_velocities_are_limited_to_mpc_xy_vel_max():
     bench = flying()
-    bench.run(10.0, stream=bench.velocity(50.0, 0.0, 0.0))
+    bench.run(6.0, stream=bench.velocity(50.0, 0.0, 0.0))
+    assert bench.last("LOCAL_POSITION_NED").vx == pytest.approx(9.8, abs=0.5)  # recorded
+    bench.run(25.0, stream=bench.velocity(50.0, 0.0, 0.0))
     assert bench.last("LOCAL_POSITION_NED").vx == pytest.approx(12.0, abs=0.2)
 
 
-def test_acceleration_stays_within_mpc_acc_hor():
+def test_braking_in_automatic_modes_follows_mpc_acc_hor():
     bench = flying()
-    bench.run(4.0, stream=bench.velocity(8.0, -8.0, 0.0))
+    bench.run(6.0, stream=bench.velocity(8.0, -8.0, 0.0))
+    assert bench.command(SET_MODE, *LOITER) == ACCEPTED
+    bench.received.clear()
+    bench.run(6.0)
     track = [(m.time_boot_ms / 1e3, m.vx, m.vy) for m in bench.all("LOCAL_POSITION_NED")]
     for (t0, x0, y0), (t1, x1, y1) in itertools.pairwise(track):
-        assert math.hypot(x1 - x0, y1 - y0) <= 3.0 * (t1 - t0) + 0.02
+        assert math.hypot(x1 - x0, y1 - y0) <= 1.3 * 3.0 * (t1 - t0)
 
 
 # -- the pilot -----------------------------------------------------------------------------
@@ -606,3 +675,27 @@ def test_mode_changes_show_only_in_the_next_heartbeat():
     assert mode(bench) == 0x00060000
     bench.run(0.3)
     assert mode(bench) == 0x03040000
+
+
+def test_gps_can_be_failed_by_command_and_comes_back():
+    bench = flying()
+    assert bench.command(420, 4.0, 1.0) == ACCEPTED
+    bench.run(7.0, stream=bench.velocity(0.0, 0.0, 0.0))
+    assert mode(bench) == 0x06040000
+    assert bench.last("ESTIMATOR_STATUS").flags == 0x65
+    assert bench.command(420, 4.0, 0.0) == ACCEPTED
+    bench.run(1.5)
+    assert bench.last("ESTIMATOR_STATUS").flags == 0x37F
+    assert bench.command(420, 1.0, 1.0) == UNSUPPORTED
+
+
+def test_nothing_is_controlled_in_offboard_before_the_first_setpoint():
+    bench = booted()
+    bench.command(SET_MODE, *OFFBOARD)
+    bench.received.clear()
+    bench.run(2.0)
+    names = {received.name for received in bench.received}
+    assert not names & {"ATTITUDE_TARGET", "POSITION_TARGET_LOCAL_NED", "SERVO_OUTPUT_RAW"}
+    bench.run(1.0, stream=bench.velocity(0.0, 0.0, 0.0))
+    names = {received.name for received in bench.received}
+    assert {"ATTITUDE_TARGET", "POSITION_TARGET_LOCAL_NED", "SERVO_OUTPUT_RAW"} <= names

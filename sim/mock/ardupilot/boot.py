@@ -21,6 +21,8 @@ _STORY: tuple[tuple[float, str], ...] = (
     (20.22, "EKF3 IMU1 origin set"),
     *((41.6, f"EKF3 {imu} is using GPS") for imu in _IMUS),
 )
+USING_GPS = tuple(f"EKF3 {imu} is using GPS" for imu in _IMUS)
+STOPPED_AIDING = tuple(f"EKF3 {imu} stopped aiding" for imu in _IMUS)
 IN_FLIGHT = tuple(f"EKF3 {imu} MAG0 in-flight yaw alignment complete" for imu in _IMUS)
 IN_FLIGHT_M = 3.0
 """The height at which the compass is aligned anew, once per flight."""

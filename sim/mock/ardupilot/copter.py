@@ -9,7 +9,7 @@ from types import MappingProxyType
 from companion.world.frames import GeoPoint
 from sim.mock.ardupilot import boot
 from sim.mock.ardupilot.checks import arming_problem, mode_problem
-from sim.mock.ardupilot.estimator import INITIALISED_S, CopterEstimator
+from sim.mock.ardupilot.estimator import INITIALISED_S, STOPPED_AIDING_S, CopterEstimator
 from sim.mock.ardupilot.failsafe import Failsafes, Situation
 from sim.mock.ardupilot.flight import Flight, Guided
 from sim.mock.ardupilot.ground import DISARM_S, Ground
@@ -36,6 +36,8 @@ from sim.mock.estimator import subtract
 from sim.mock.geodesy import FlatProjection
 from sim.mock.setpoints import Setpoint
 
+NO_WAY_BACK_S = 22.5
+"""Without a position for so long, the way that SmartRTL would go back is given up."""
 CONTROLLER_MEMORY_S = 0.2
 """HEARTBEAT says "guided" while the position controller has run within this time."""
 
@@ -61,7 +63,7 @@ class ArduCopter(Autopilot):
         self._mode = Mode.STABILIZE
         self._controlled_s = 0.0
         self._compass_aligned = False
-        self._glitch_told = False
+        self._glitch_told = self._aiding_told = self._path_told = self._gps_off = False
 
     # -- what it shows ---------------------------------------------------------------------
 
@@ -230,6 +232,7 @@ class ArduCopter(Autopilot):
         dt_s = now_s - self.now_s
         self.now_s = now_s
         self._texts += self._story.take_due(now_s)
+        self._watch_gps()
         self.mislead(self.estimator.drift_m(now_s, dt_s))
         if self.home_true_m is None and self.estimator.origin_known(now_s):
             self._set_home()
@@ -288,6 +291,28 @@ class ArduCopter(Autopilot):
         if not idle and not blind:
             self._controlled_s = self.now_s
 
+    def lose_gps(self, *, lost: bool) -> None:
+        """Let the receiver lose its fix, or find it again."""
+        if not lost and self.estimator.gps_lost_at_s is not None:
+            if not self.estimator.local_known(self.now_s):
+                self._texts += [(INFO, text) for text in boot.USING_GPS]
+            self._aiding_told = self._path_told = False
+        super().lose_gps(lost=lost)
+
+    def _watch_gps(self) -> None:
+        """Obey SIM_GPS_DISABLE, and say what a long loss of GPS means."""
+        switched_off = self.parameters.number("SIM_GPS_DISABLE") > 0.0
+        if switched_off is not self._gps_off:
+            self._gps_off = switched_off
+            self.lose_gps(lost=switched_off)
+        lost_s = self.now_s - (self.estimator.gps_lost_at_s or self.now_s)
+        if lost_s >= STOPPED_AIDING_S and not self._aiding_told:
+            self._aiding_told = True
+            self._texts += [(WARNING, text) for text in boot.STOPPED_AIDING]
+        if lost_s >= NO_WAY_BACK_S and self.armed and not self._path_told:
+            self._path_told = True
+            self.say(WARNING, "SmartRTL deactivated: bad position")
+
     def _watch(self) -> None:
         """Look after the failsafes, and say what the estimator says in flight."""
         wanted = self.failsafes.update(
@@ -320,4 +345,5 @@ class ArduCopter(Autopilot):
             mode = Mode.LAND
         if mode is not self.mode:
             self._enter(mode)
-        self.flight.blind = mode is Mode.LAND and self.failsafes.ekf
+        if mode is Mode.LAND:
+            self.flight.land_after_failsafe(self.now_s, blind=self.failsafes.ekf)

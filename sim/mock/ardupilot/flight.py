@@ -16,6 +16,10 @@ BRAKE_S = 1.4
 """BRAKE lets the speed decay with this time constant (recorded: 2.75 m from 2 m/s)."""
 STOP_S = 1.0
 """RTL climbs where the vehicle can stop: 1/PSC_POSXY_P ahead of it."""
+LAND_PAUSE_S = 4.0
+"""A failsafe's LAND does not sink for so long (LAND_WITH_DELAY_MS)."""
+COAST_MPS = 0.3
+"""How fast it drifts on without a position (recorded)."""
 LAND_GAIN_PER_S = 1.0
 SLOW_MPS = 0.15
 """Below this speed a stopped vehicle begins to hold its place."""
@@ -67,6 +71,9 @@ class Flight:
     """What GUIDED steers by, after the time-out."""
     blind: bool = False
     """Whether LAND goes without a position."""
+    sinks_from_s: float = 0.0
+    """LAND waits until then: a failsafe gives the pilot time to think."""
+    _coasting_mps: Vector = ZERO
     target_true_m: Vector = ZERO
     """Where RTL and position targets lead."""
     _stage: Return = Return.CLIMB
@@ -81,6 +88,7 @@ class Flight:
         """Begin ``mode`` where the vehicle is."""
         self.hold_true_m = None
         self.blind = False
+        self.sinks_from_s = now_s
         self._stage, self._stage_since_s = Return.CLIMB, now_s
         if mode is Mode.GUIDED:
             self.stop()
@@ -92,6 +100,14 @@ class Flight:
             north, east, down = add(self.body.position_m, (vn * STOP_S, ve * STOP_S, 0.0))
             height_m = self._return_height_m(north, east)
             self.target_true_m = (north, east, min(down, self.home_true_m[2] - height_m))
+
+    def land_after_failsafe(self, now_s: float, *, blind: bool) -> None:
+        """Begin LAND because of a failsafe: with a pause, and without a position it coasts."""
+        self.sinks_from_s = now_s + LAND_PAUSE_S
+        self.blind = blind
+        north, east, _ = self.body.velocity_mps
+        share = min(1.0, COAST_MPS / max(math.hypot(north, east), 1e-9))
+        self._coasting_mps = (north * share, east * share, 0.0)
 
     def stop(self) -> None:
         """Fly at zero velocity in GUIDED: on entering, and when a setpoint makes no sense."""
@@ -108,7 +124,11 @@ class Flight:
         if mode is Mode.GUIDED:
             return self._guided(setpoint, sticks)
         if mode is Mode.LAND:
-            return Demand(self._land(), STICK_TURN_RADPS * sticks.turn)
+            north, east, down = self._land()
+            if self.blind:
+                north, east, _ = self._coasting_mps
+            sinks = now_s >= self.sinks_from_s
+            return Demand((north, east, down if sinks else 0.0), STICK_TURN_RADPS * sticks.turn)
         if mode is Mode.RTL:
             return Demand(self._return(now_s))
         if mode is Mode.BRAKE and self.hold_true_m is not None:
@@ -153,7 +173,7 @@ class Flight:
         return self._to(self.hold_true_m)
 
     def _manual(self, sticks: Sticks) -> Vector:
-        if sticks.forward == sticks.right == sticks.up == 0.0:
+        if sticks.centred:
             return self._stay()
         self.hold_true_m = None
         cos, sin = math.cos(self.body.yaw_rad), math.sin(self.body.yaw_rad)

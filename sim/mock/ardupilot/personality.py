@@ -22,6 +22,7 @@ ARDUPILOT = Personality(
         velocity_lag_s=0.6,
         climb_lag_s=0.35,
         attitude_lag_s=0.2,
+        thrust_lag_s=0.2,
         acceleration_xy_mps2=2.0,
         acceleration_up_mps2=1.1,
         acceleration_down_mps2=1.5,

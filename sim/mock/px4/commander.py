@@ -24,7 +24,6 @@ from sim.mock.autopilot import (
     PowerUp,
 )
 from sim.mock.dynamics import Vector
-from sim.mock.estimator import subtract
 from sim.mock.geodesy import SphericalProjection
 from sim.mock.px4.estimator import Px4Estimator
 from sim.mock.px4.failsafe import Cause, Failsafe, Situation, fence_breached
@@ -35,6 +34,8 @@ from sim.mock.px4.modes import Mode
 from sim.mock.px4.parameters import Px4Parameters
 from sim.mock.setpoints import Setpoint
 
+REST_S = 2.3
+"""The estimator notices so long after disarming that the vehicle rests (recorded: 2.0 to 2.6)."""
 UNHEALTHY = "Arming denied: Resolve system health failures first"
 
 
@@ -61,6 +62,7 @@ class Px4(Autopilot):
         self.setpoint_time_s = -math.inf
         self.offboard_seen = False
         self._after_disarm = Mode.LOITER
+        self._disarmed_s = -math.inf
 
     # -- what it shows ---------------------------------------------------------------------
 
@@ -99,6 +101,16 @@ class Px4(Autopilot):
         if self.mode is Mode.TAKEOFF:
             return TAKING_OFF
         return LANDING if self.flight.landing else IN_AIR
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the estimator has noticed that nothing moves or shakes."""
+        return not self.armed and self.now_s - self._disarmed_s >= REST_S
+
+    @property
+    def controls(self) -> bool:
+        """Whether its controllers have a target: not in OFFBOARD before the first setpoint."""
+        return self.mode is not Mode.OFFBOARD or self.offboard_seen
 
     def can_arm(self) -> bool:
         """Whether the pre-arm checks pass: SYS_STATUS PREARM_CHECK."""
@@ -163,6 +175,7 @@ class Px4(Autopilot):
             self.say(CRITICAL, "Disarming denied: not landed")
             return False
         self.armed = False
+        self._disarmed_s = self.now_s
         self.failsafe.clear()
         self.intention = self._after_disarm
         self._apply_mode()
@@ -178,7 +191,7 @@ class Px4(Autopilot):
         """Hold at ``point`` (P17: this leaves OFFBOARD)."""
         accepted = self.request_mode(Mode.LOITER)
         if accepted:
-            self.flight.hold_true_m = self.estimator.from_geodetic(point)
+            self.flight.go_to(self.estimator.from_geodetic(point))
         return accepted
 
     def refuse_setpoint(self, reason: str) -> None:
@@ -211,7 +224,7 @@ class Px4(Autopilot):
         self.parameters.override("GF_MAX_HOR_DIST", radius_m)
 
     def _shift_held_points(self, step_m: Vector) -> None:
-        self.flight.hold_true_m = subtract(self.flight.hold_true_m, step_m)
+        self.flight.shift(step_m)
 
     def _keep_home(self, step_m: Vector) -> None:
         super()._keep_home(step_m)
@@ -251,7 +264,7 @@ class Px4(Autopilot):
         if self.armed and self.flight.takeoff_done:
             point = self.flight.hold_true_m
             self.request_mode(Mode.LOITER)
-            self.flight.hold_true_m = point
+            self.flight.go_to(point)
         for text in self.flight.take_texts():
             self.say(INFO, text)
 

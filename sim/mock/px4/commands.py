@@ -21,6 +21,8 @@ from sim.mock.commands import (
 from sim.mock.px4.commander import Px4
 from sim.mock.px4.modes import MODE_CUSTOM, Mode, find_mode, knows_main_mode
 
+UNIT_GPS, FAILURE_OK, FAILURE_OFF = 4, 0, 1
+"""FAILURE_UNIT and FAILURE_TYPE of INJECT_FAILURE."""
 COMP_ID_MISSIONPLANNER = 190
 """The component id of ground stations; only they are told why a mode is refused."""
 
@@ -98,6 +100,15 @@ def _reboot(px4: Px4, command: Command) -> Result:
     return Result.DENIED  # PX4 SITL refuses; the reboot fault does it for real
 
 
+def _inject_failure(px4: Px4, command: Command) -> Result:
+    """INJECT_FAILURE: of the simulator's failures, GPS off and well again."""
+    unit, failure = whole(command.params[0]), whole(command.params[1])
+    if unit != UNIT_GPS or failure not in (FAILURE_OK, FAILURE_OFF):
+        return Result.UNSUPPORTED
+    px4.lose_gps(lost=failure == FAILURE_OFF)
+    return Result.ACCEPTED
+
+
 _HANDLERS: dict[int, CommandHandler] = {
     CommandId.NAV_RETURN_TO_LAUNCH: _return,
     CommandId.NAV_LAND: _land,
@@ -105,5 +116,6 @@ _HANDLERS: dict[int, CommandHandler] = {
     CommandId.DO_SET_MODE: _do_set_mode,
     CommandId.DO_REPOSITION: _reposition,
     CommandId.PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
+    CommandId.INJECT_FAILURE: _inject_failure,
     CommandId.COMPONENT_ARM_DISARM: _arm_disarm,
 }

@@ -7,7 +7,7 @@ GLITCH = 1024
 FLAGS_BOOT = 0x00A4
 FLAGS_ALIGNED = 0x00E5
 FLAGS_READY = 0x03FF
-FLAGS_ARMED = 0x037F
+FLAGS_MOVING = 0x037F
 FLAGS_LOST = 0x0065
 
 GPS_LOSS_TOLERATED_S = 5.3
@@ -39,7 +39,7 @@ class Px4Estimator(Estimator):
         lost = self.gps_lost_at_s
         return now_s >= self.boot_s - 1e-9 and (lost is None or now_s - lost < GPS_LOSS_TOLERATED_S)
 
-    def flags(self, now_s: float, *, armed: bool) -> int:
+    def flags(self, now_s: float, *, at_rest: bool) -> int:
         """Return ESTIMATOR_STATUS.flags."""
         if self.gps_lost_at_s is not None and not self.ready(now_s):
             return FLAGS_LOST
@@ -47,7 +47,7 @@ class Px4Estimator(Estimator):
             return FLAGS_BOOT
         if now_s < 0.75 * self.boot_s:
             return FLAGS_ALIGNED
-        return (FLAGS_ARMED if armed else FLAGS_READY) | (GLITCH if self.glitching else 0)
+        return (FLAGS_READY if at_rest else FLAGS_MOVING) | (GLITCH if self.glitching else 0)
 
     def reset_counter(self, now_s: float) -> int:
         """Return ODOMETRY.reset_counter."""

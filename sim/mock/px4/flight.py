@@ -8,10 +8,20 @@ from sim.mock.estimator import Estimator, subtract
 from sim.mock.parameters import Parameters
 from sim.mock.pilot import Sticks
 from sim.mock.px4.modes import Mode
+from sim.mock.px4.trajectory import Trajectory
 from sim.mock.setpoints import Setpoint
 
 APPROACH_MPS2 = 1.5
 """Deceleration planned for when nearing a point; recorded stops are of this order."""
+STICK_EXPO, STICK_JERK_MPS3 = 0.6, 8.0
+"""MPC_XY_MAN_EXPO and MPC_JERK_MAX."""
+ERROR_MAX_M = 2.0
+"""MPC_XY_ERR_MAX."""
+AUTO_CLIMB_GAIN_PER_S = 0.65
+"""How automatic modes near a height (recorded)."""
+CLIMB_GLIDE_S = 0.5
+NEAR_HOME_M = 6.0
+"""RTL climbs at least so high above home, however near that is (recorded)."""
 REACHED_M = 0.5
 YAW_GAIN_PER_S = 2.8
 """MC_YAW_P."""
@@ -51,6 +61,8 @@ class Flight:
     _mode: Mode = Mode.LOITER
     _return_down_m: float = 0.0
     _homing: bool = False
+    _braking: bool = False
+    _trajectory: Trajectory = field(default_factory=Trajectory)
     _texts: list[str] = field(default_factory=list)
 
     def take_texts(self) -> list[str]:
@@ -63,8 +75,10 @@ class Flight:
         self._mode = mode
         self.home_true_m = home_true_m or ZERO
         self.takeoff_done = self.landing = self._homing = False
-        self.hold_true_m = self._stopping_point()
+        self._trajectory.start(self.body.position_m, self.body.velocity_mps)
+        self._braking = True
         north, east, down = self.body.position_m
+        self.hold_true_m = (north, east, down + CLIMB_GLIDE_S * self.body.velocity_mps[2])
         if mode is Mode.TAKEOFF:
             self.hold_true_m = (north, east, self._takeoff_down_m(down))
         elif mode is Mode.LAND:
@@ -72,12 +86,23 @@ class Flight:
         elif mode is Mode.RTL:
             far = self._home_distance_m() > self.parameters.number("RTL_MIN_DIST")
             height = self.parameters.number("RTL_RETURN_ALT")
-            self._return_down_m = min(down, self.home_true_m[2] - height) if far else down
+            least_m = height if far else NEAR_HOME_M
+            self._return_down_m = min(down, self.home_true_m[2] - least_m)
             above = self.home_true_m[2] - self._return_down_m
             amsl = self.estimator.geodetic((0.0, 0.0, self._return_down_m)).altitude_m
             self._texts.append(
-                f"RTL: start return at {amsl:.0f} m ({above:.0f} m above destination)"
+                f"RTL: start return at {math.ceil(amsl)} m ({math.ceil(above)} m above destination)"
             )
+
+    def go_to(self, point_m: Vector) -> None:
+        """Fly to a true point and hold there, without stopping first."""
+        self.hold_true_m = point_m
+        self._braking = False
+
+    def shift(self, step_m: Vector) -> None:
+        """Move the points it flies to, which now mean other true ones."""
+        self.hold_true_m = subtract(self.hold_true_m, step_m)
+        self._trajectory.position_m = subtract(self._trajectory.position_m, step_m)
 
     def step(
         self,
@@ -100,7 +125,12 @@ class Flight:
         Returns:
             Whether the mode wants to leave the ground, and whether it wants to sink.
         """
-        demand = self.demand = self._demand(setpoint, sticks)
+        demand = self._demand(setpoint, sticks)
+        if self._mode.is_auto or (self._mode is Mode.POSCTL and sticks.centred):
+            demand.velocity_mps = self._smoothed(demand.velocity_mps, dt_s)
+        elif self._mode.needs_pilot:
+            demand.velocity_mps = self._steered(demand.velocity_mps, dt_s)
+        self.demand = demand
         # PX4 takes off for any climb rate, or any position above the present one.
         up = demand.velocity_mps[2] < -0.05 or demand.feedforward_mps2[2] < 0.0
         wants_up = up and self._mode is not Mode.LOITER
@@ -164,8 +194,9 @@ class Flight:
     def _manual(self, sticks: Sticks) -> Demand:
         speed = self.parameters.number("MPC_VEL_MANUAL")
         cos, sin = math.cos(self.body.yaw_rad), math.sin(self.body.yaw_rad)
-        north = speed * (sticks.forward * cos - sticks.right * sin)
-        east = speed * (sticks.forward * sin + sticks.right * cos)
+        forward, right = _expo(sticks.forward), _expo(sticks.right)
+        north = speed * (forward * cos - right * sin)
+        east = speed * (forward * sin + right * cos)
         climb = self.parameters.number("MPC_Z_VEL_MAX_UP") if sticks.up > 0.0 else 1.5
         velocity = self._limited((north, east, -climb * sticks.up))
         return Demand(velocity, yaw_rate_radps=STICK_TURN_RADPS * sticks.turn)
@@ -173,13 +204,13 @@ class Flight:
     def _advance_return(self) -> None:
         if self.landing:
             return
-        north, east, down = self.body.position_m
+        down = self.body.position_m[2]
         if not self._homing:
-            self.hold_true_m = (north, east, self._return_down_m)
+            self.hold_true_m = (*self.hold_true_m[:2], self._return_down_m)
             self._homing = abs(down - self._return_down_m) < REACHED_M
         else:
             self.hold_true_m = (self.home_true_m[0], self.home_true_m[1], self._return_down_m)
-            if self._home_distance_m() < 2.0 * REACHED_M:
+            if self._home_distance_m() < self.parameters.number("RTL_MIN_DIST"):
                 self.landing = True
                 self._texts.append("RTL: land at destination")
 
@@ -194,7 +225,8 @@ class Flight:
         return north, east, slow + (fast - slow) * max(0.0, min(1.0, share))
 
     def _velocity_to(self, point_m: Vector) -> Vector:
-        north, east, down = subtract(point_m, self.body.position_m)
+        north, east, _ = subtract(point_m, self._trajectory.position_m)
+        down = point_m[2] - self.body.position_m[2]
         distance = math.hypot(north, east)
         speed = min(
             self.parameters.number("MPC_XY_P") * distance,
@@ -202,9 +234,7 @@ class Flight:
             self.parameters.number("MPC_XY_CRUISE"),
         )
         share = speed / distance if distance > 0.0 else 0.0
-        return self._limited(
-            (north * share, east * share, self.parameters.number("MPC_Z_P") * down)
-        )
+        return self._limited((north * share, east * share, AUTO_CLIMB_GAIN_PER_S * down))
 
     def _limited(self, velocity_mps: Vector) -> Vector:
         north, east, down = velocity_mps
@@ -226,12 +256,54 @@ class Flight:
             self._texts.append("Already higher than takeoff altitude")
         return min(wanted, lowest, down_m)
 
-    def _stopping_point(self) -> Vector:
-        north, east, down = self.body.position_m
-        vn, ve, vd = self.body.velocity_mps
-        glide_s = self.body.response.velocity_lag_s + math.hypot(vn, ve) / (2.0 * APPROACH_MPS2)
-        return north + vn * glide_s, east + ve * glide_s, down + 0.5 * vd
+    def _smoothed(self, wanted_mps: Vector, dt_s: float) -> Vector:
+        """Follow the trajectory of the automatic modes, which begins by braking.
+
+        What it holds on to is where the trajectory has come to rest.
+        """
+        if self.blind:
+            return wanted_mps
+        trajectory = self._trajectory
+        behind_north, behind_east, _ = subtract(trajectory.position_m, self.body.position_m)
+        # The trajectory waits for a vehicle that lags behind.
+        stretch = 1.0 - min(1.0, math.hypot(behind_north, behind_east) / ERROR_MAX_M)
+        trajectory.follow(
+            ZERO if self._braking else wanted_mps,
+            max(1e-4, stretch * dt_s),
+            acceleration_mps2=self.parameters.number("MPC_ACC_HOR"),
+            jerk_mps3=self.parameters.number("MPC_JERK_AUTO"),
+        )
+        if self._braking and trajectory.stands:
+            self._braking = False
+            if not self._homing:
+                north, east, _ = trajectory.position_m
+                self.hold_true_m = (north, east, self.hold_true_m[2])
+        gain = self.parameters.number("MPC_XY_P")
+        return self._limited(
+            (
+                trajectory.velocity_mps[0] + gain * behind_north,
+                trajectory.velocity_mps[1] + gain * behind_east,
+                wanted_mps[2],
+            )
+        )
+
+    def _steered(self, wanted_mps: Vector, dt_s: float) -> Vector:
+        """Follow the pilot's sticks within the limits of acceleration and jerk."""
+        self._trajectory.follow(
+            wanted_mps,
+            dt_s,
+            acceleration_mps2=self.parameters.number("MPC_ACC_HOR"),
+            jerk_mps3=STICK_JERK_MPS3,
+        )
+        north, east, _ = self._trajectory.velocity_mps
+        self._trajectory.position_m = self.body.position_m
+        self._braking = True
+        return north, east, wanted_mps[2]
 
     def _home_distance_m(self) -> float:
         north, east, _ = subtract(self.home_true_m, self.body.position_m)
         return math.hypot(north, east)
+
+
+def _expo(stick: float) -> float:
+    return (1.0 - STICK_EXPO) * stick + STICK_EXPO * stick**3

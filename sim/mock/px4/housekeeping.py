@@ -107,7 +107,9 @@ def altitude(px4: Px4) -> Any:
 
 
 def attitude_target(px4: Px4) -> Any:
-    """ATTITUDE_TARGET."""
+    """ATTITUDE_TARGET, where anything is controlled."""
+    if not px4.controls:
+        return None
     thrust = 0.0 if px4.landed else 0.5
     return partial(
         mavlink.MAVLink_attitude_target_message,
@@ -133,6 +135,8 @@ def highres_imu(px4: Px4) -> Any:
 
 def servo_output(px4: Px4) -> Any:
     """SERVO_OUTPUT_RAW: 900 disarmed, 1100 idling, 1500 in the air."""
+    if not px4.controls:
+        return None
     pulse = 900 if not px4.armed else 1100 if px4.landed else 1500
     return partial(
         mavlink.MAVLink_servo_output_raw_message, boot_us(px4), 0, *(pulse,) * 4, *(900,) * 12

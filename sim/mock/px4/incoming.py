@@ -15,7 +15,7 @@ from sim.mock.pilot import Sticks
 from sim.mock.px4.commander import Px4
 from sim.mock.px4.commands import run_command, set_mode
 from sim.mock.px4.setpoints import read_setpoint
-from sim.mock.setpoints import MAV_FRAME_LOCAL_NED
+from sim.mock.setpoints import MAV_FRAME_LOCAL_NED, Setpoint
 
 _AMSL_FRAMES = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 _RELATIVE_FRAMES = (
@@ -111,6 +111,11 @@ def _global_setpoint(px4: Px4, channel: Channel, message: Any) -> None:
     _take(px4, message, name, position_m, MAV_FRAME_LOCAL_NED)
 
 
+def _attitude_target(px4: Px4, channel: Channel, message: Any) -> None:
+    """SET_ATTITUDE_TARGET: a sign of life like any setpoint (P1); a point mass cannot tilt."""
+    px4.receive_setpoint(Setpoint())
+
+
 def _manual_control(px4: Px4, channel: Channel, message: Any) -> None:
     if message.target != px4.system_id:
         return
@@ -127,5 +132,6 @@ HANDLERS: dict[str, Handler] = {
     "SET_MODE": _set_mode,
     "SET_POSITION_TARGET_LOCAL_NED": _local_setpoint,
     "SET_POSITION_TARGET_GLOBAL_INT": _global_setpoint,
+    "SET_ATTITUDE_TARGET": _attitude_target,
     "MANUAL_CONTROL": _manual_control,
 }

@@ -18,5 +18,15 @@ PX4 = Personality(
     is_for_us=is_for_us,
     projection=SphericalProjection,
     home=GeoPoint(47.397742, 8.545594, 489.4),
-    response=Response(),
+    response=Response(
+        velocity_lag_s=1.0 / 1.6,
+        climb_lag_s=1.0 / 4.0,
+        attitude_lag_s=0.35,
+        drag_per_s=1.1,
+        integral_per_s2=0.5,
+        climb_integral_per_s2=2.0,
+        acceleration_xy_mps2=5.0,
+        acceleration_up_mps2=2.0,
+        acceleration_down_mps2=3.0,
+    ),
 )

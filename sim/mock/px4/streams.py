@@ -48,6 +48,7 @@ STREAMS: dict[int, Stream] = {
     mavlink.MAVLINK_MSG_ID_ALTITUDE: Stream(housekeeping.altitude, 10.0, 1.0),
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: Stream(housekeeping.battery_status, 0.5, 0.5),
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: Stream(housekeeping.autopilot_version, 0.0, 0.0),
+    undecodable.PROTOCOL_VERSION_ID: Stream(undecodable.protocol_version, 0.0, 0.0),
     mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: Stream(telemetry.estimator_status, 1.0, 0.5),
     mavlink.MAVLINK_MSG_ID_VIBRATION: Stream(housekeeping.vibration, 0.5, 0.1),
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: Stream(telemetry.home_position, 0.5, 0.5),

@@ -99,7 +99,7 @@ def estimator_status(px4: Px4) -> Any:
     """ESTIMATOR_STATUS: the flags say whether the position can be trusted."""
     if not px4.estimator.attitude_known(px4.now_s):
         return None
-    flags = px4.estimator.flags(px4.now_s, armed=px4.armed)
+    flags = px4.estimator.flags(px4.now_s, at_rest=px4.at_rest)
     return mavlink.MAVLink_estimator_status_message(
         boot_us(px4), flags, 0.01, 0.01, 0.01, 0.01, 0.01, NAN, 0.2, 0.2
     )
@@ -118,6 +118,8 @@ def home_position(px4: Px4) -> Any:
 
 def position_target_local(px4: Px4) -> Any:
     """POSITION_TARGET_LOCAL_NED: mask 7 for a velocity, 0 for a position, 63 when idle."""
+    if not px4.controls:
+        return None
     demand = px4.flight.demand
     if px4.landed:
         return partial(
@@ -154,7 +156,7 @@ def position_target_local(px4: Px4) -> Any:
 def position_target_global(px4: Px4) -> Any:
     """POSITION_TARGET_GLOBAL_INT, in the modes that fly by themselves."""
     target = px4.flight.demand.position_m
-    if px4.landed or target is None or not px4.mode.is_auto:
+    if not px4.armed or target is None or not px4.mode.is_auto:
         return None
     point = px4.estimator.geodetic(target)
     return mavlink.MAVLink_position_target_global_int_message(

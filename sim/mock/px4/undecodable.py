@@ -11,7 +11,7 @@ from sim.mock.packet import RawMessage
 from sim.mock.px4.commander import Px4
 from sim.mock.telemetry import boot_us
 
-ESC_INFO_ID, ESC_STATUS_ID, CURRENT_MODE_ID = 290, 291, 436
+ESC_INFO_ID, ESC_STATUS_ID, PROTOCOL_VERSION_ID, CURRENT_MODE_ID = 290, 291, 300, 436
 MOTORS = 4
 
 
@@ -45,3 +45,9 @@ def current_mode(px4: Px4) -> Any:
     """CURRENT_MODE: the mode that flies and the one that was asked for."""
     fields = struct.pack("<IIB", px4.mode.custom_mode, px4.intention.custom_mode, 0)
     return RawMessage(CURRENT_MODE_ID, "CURRENT_MODE", 193, fields)
+
+
+def protocol_version(px4: Px4) -> Any:
+    """PROTOCOL_VERSION: MAVLink 2, from 1 to 2; the hashes of the definitions say nothing."""
+    fields = struct.pack("<3H16x", 200, 100, 200)
+    return RawMessage(PROTOCOL_VERSION_ID, "PROTOCOL_VERSION", 217, fields)
