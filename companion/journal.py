@@ -35,6 +35,8 @@ COMPUTER = struct.Struct(f"<c{MAX_CORES}BbII")
 STOP, GO_ON = b"s", b"g"
 """Whether the program was asked to stop."""
 
+_MAX_PEERS = 1024
+"""Anybody can send us UDP, from as many addresses as he likes."""
 _BLOCK_BYTES = 16_384
 """A third of a second of PX4; a process that is killed loses no more."""
 
@@ -138,7 +140,9 @@ class JournaledTransport:
         for peer, data in chunks:
             number = self._peers.get(peer)
             if number is None:
-                number = self._peers[peer] = len(self._peers) % 65536
+                if len(self._peers) == _MAX_PEERS:
+                    self._peers.clear()  # numbers are given anew; playback hears the names again
+                number = self._peers[peer] = len(self._peers)
                 self._note_bytes(b"p", number, str(peer).encode())
             self._note_bytes(b"c", number, data)
         self._note_errors()

@@ -2,6 +2,9 @@
 
 import msgspec
 
+HISTOGRAM_EDGES_MS = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+"""Upper edges of the bins of the histograms; one more bin holds what is beyond the last."""
+
 
 class Summary(msgspec.Struct, frozen=True, kw_only=True):
     """How a run ended and what it measured; ``None`` where there was nothing to measure."""
@@ -27,9 +30,15 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     setpoint_rate_hz: float | None = None
     jitter_p99_ms: float | None = None
     """Of the interval between setpoints, around its nominal value."""
+    longest_gap_ms: float | None = None
+    """Between two setpoints of one stream."""
     latency_p50_ms: float | None = None
     """From the arrival of a position to the setpoint on the wire."""
     latency_p99_ms: float | None = None
+    latency_histogram: list[int] = []
+    """Setpoints by latency, bins as in ``HISTOGRAM_EDGES_MS``."""
+    jitter_histogram: list[int] = []
+    """Intervals by their deviation, the same bins."""
     late_ticks: int = 0
     shield_interventions: int = 0
     takeovers: int = 0
