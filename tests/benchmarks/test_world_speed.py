@@ -34,6 +34,7 @@ def many():
         pytest.param(one("env2"), "rays", FLIGHT, id="env2, rays"),
         pytest.param(many, "paper", {}, id="32 cities, paper"),
         pytest.param(many, "rays", FLIGHT, id="32 cities, rays"),
+        pytest.param(many, "ways", FLIGHT | {"targets_per_map": 8}, id="32 cities, ways"),
     ],
 )
 def test_world_speed(benchmark, maps, layout, options):
