@@ -43,7 +43,8 @@ class RunResult(msgspec.Struct, frozen=True):
     preset_digest: str
     init: str | None
     """Name of the run whose networks it started from."""
-    command: str
+    git_revision: str
+    """Of the code that trained it."""
     source: str
     """Which actor was best on validation, and after how many updates."""
     train_s: float | None

@@ -77,7 +77,7 @@ ERRATA = (
         "E11",
         "B = 10000",
         "forgets within a few steps of many worlds at once",
-        "see the recipe, and the ablation short-memory for the literal value",
+        "see the recipe; the ablation large-buffer shows what more memory does",
     ),
     Erratum(
         "E12",

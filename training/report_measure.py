@@ -125,7 +125,7 @@ def measure_run(
         updates=job.preset.updates,
         preset_digest=job.preset.digest,
         init=job.init,
-        command=folder.read_record().command,
+        git_revision=folder.read_record().git_revision,
         source=state["trainer"]["best"]["source"],
         train_s=training_s(log),
         static=static,

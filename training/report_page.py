@@ -315,12 +315,13 @@ def _beta(report: Report) -> str:
 def _provenance(report: Report) -> str:
     trained_s = [run.train_s for run in report.runs if run.train_s is not None]
     versions = ", ".join(f"{name} {number}" for name, number in report.versions.items())
-    revisions = f"revision {report.git_revision}"
+    trained_by = sorted({run.git_revision for run in report.runs})
+    revisions = f"report: {report.git_revision}; training: {listed(trained_by)}"
     return table(
         ["What", ""],
         [
             ["command", f"`{report.command}`"],
-            ["code", revisions],
+            ["code revisions", revisions],
             ["training seeds", listed(report.seeds)],
             [
                 "test cases",

@@ -15,7 +15,7 @@ SCRATCH = "scratch"
 """The recipe as it is, from random networks."""
 OBSTACLE_MAPS = ("env1", "env2")
 ABLATION_MAP = "env1"
-_VALIDATIONS = 20
+_VALIDATIONS = 10
 """Of each shortened run."""
 
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from companion.errors import UsageError
-from training import cli, presets, reproduce, reproduce_plan
+from training import cli, presets, report_measure, reproduce, reproduce_plan, reproduce_run
 from training.presets import PRESETS
 from training.report_data import read_report
 from training.reproduce_plan import BETA, Budget, plan
@@ -17,10 +17,10 @@ from training.reproduce_run import Run, find_run, is_over
 from training.run_folder import RunFolder
 from training.workers import do_all
 
-TINY = Budget(free_updates=8, obstacle_updates=8, ablation_updates=8, transfer_seeds=1, cases=12)
+TINY = Budget(free_updates=8, obstacle_updates=8, ablation_updates=8, transfer_seeds=1, cases=6)
 CHANGES = {
-    "one-critic": reproduce.ABLATIONS["one-critic"],
-    "short-memory": reproduce.ABLATIONS["short-memory"],
+    "relative": reproduce.ABLATIONS["relative"],
+    "large-buffer": reproduce.ABLATIONS["large-buffer"],
 }
 
 
@@ -31,13 +31,13 @@ def tiny_presets(monkeypatch):
         preset = PRESETS[key]
         tiny = replace(
             preset,
-            ddpg=replace(preset.ddpg, hidden=(8, 8), twin_critics=True),
+            ddpg=replace(preset.ddpg, hidden=(8, 8)),
             batch_size=16,
             num_worlds=8,
             replay_capacity=200,
             warmup_steps=2,
             validate_every=4,
-            validation_episodes=8,
+            validation_episodes=4,
             updates=16,
         )
         monkeypatch.setitem(presets.PRESETS, key, tiny)
@@ -60,6 +60,12 @@ def in_this_process(monkeypatch):
         return left
 
     monkeypatch.setattr(reproduce, "do_all", do_all_here)
+    for module in (reproduce, reproduce_run):
+        monkeypatch.setattr(module, "git_revision", lambda: "unknown")
+    # One map of two, and one change, are the same code in half the time.
+    monkeypatch.setattr(reproduce_plan, "OBSTACLE_MAPS", ("env1",))
+    monkeypatch.setattr(report_measure, "MAPS", ("free", "env1"))
+    monkeypatch.setattr(reproduce, "CHANGES", {"large-buffer": CHANGES["large-buffer"]})
 
 
 def job(name):
@@ -83,11 +89,18 @@ def test_every_run_comes_after_the_one_it_starts_from():
 
 def test_networks_of_another_meaning_get_a_free_stage_of_their_own():
     jobs = {job.name: job for job in plan(TINY, (1,), {**CHANGES, BETA.name: BETA})}
-    assert jobs["env1-short-short-memory-seed1"].init == "free-seed1"
-    assert jobs["env1-short-one-critic-seed1"].init == "free-one-critic-seed1"
-    assert not jobs["free-one-critic-seed1"].preset.ddpg.twin_critics
+    assert jobs["env1-short-large-buffer-seed1"].init == "free-seed1"
+    assert jobs["env1-short-relative-seed1"].init == "free-relative-seed1"
+    assert jobs["free-relative-seed1"].preset.layout_name == "relative"
     assert jobs["env1-short-beta-0.4-seed1"].preset.world.reward.beta == 0.4
     assert jobs["env1-short-beta-0.4-seed1"].init == "free-beta-0.4-seed1"
+
+
+def test_the_same_free_stage_is_trained_once():
+    twice = dict.fromkeys(("relative", "again"), reproduce.ABLATIONS["relative"])
+    jobs = {job.name: job for job in plan(TINY, (1,), twice)}
+    assert "free-again-seed1" not in jobs
+    assert jobs["env1-short-again-seed1"].init == "free-relative-seed1"
 
 
 def test_a_run_stopped_in_the_middle_ends_as_if_it_had_not_been(tmp_path):
@@ -137,16 +150,15 @@ def test_the_whole_paper(tmp_path, capsys, in_this_process, monkeypatch):
     assert report.unfinished == []
     assert "**This is a quick run**" in page
     assert "| obstacle free | 100 % |" in page
-    for name in ("figure8-rewards", "figure5-chase-free", "figure6-paths", "ablations"):
-        if name in page:
-            assert (out / f"{name}.png").stat().st_size > 10_000
-    assert "(figure8-rewards.png)" in page
+    assert "(ablations.png)" in page
+    assert (out / "ablations.png").stat().st_size > 10_000
     planner = report.baseline("env1").planner
     assert planner.evaluation.completion_rate == 1.0
     assert planner.spl_shortest > planner.evaluation.spl
-    assert {run.variant for run in report.runs} == {"paper", "scratch", *CHANGES}
+    assert {run.variant for run in report.runs} == {"paper", "scratch", "large-buffer"}
 
     capsys.readouterr()
+    monkeypatch.setattr(reproduce, "draw_all", lambda *_: [])
     before = {path: path.stat().st_mtime_ns for path in Path("runs").rglob("checkpoint.pt")}
     assert cli.main(["reproduce", "--quick"]) == 0
     assert "free-seed1: done before" in capsys.readouterr().out
