@@ -61,6 +61,8 @@ asks for along a wall is taken from the vehicle's acceleration away from it."""
 _CELL_M = 5.0
 """Side of the squares of the map for which what is near is looked up once."""
 _NUM_CELLS = 1024
+_CELLS_A_BLOCK = 20
+_NUM_BLOCKS = 4
 _GUSTY = 1.25
 """A vehicle is expected no faster than this times its speed limit; it may be."""
 _FIRST = 4
@@ -164,6 +166,7 @@ class Shield:
         self._follow_s = limits.period_s + limits.reaction_s
         self._cell_reach_m = self._reach_m(_GUSTY * max(limits.v_max_mps, limits.restore_max_mps))
         self._in_cell = lru_cache(maxsize=_NUM_CELLS)(self._hazards_of_cell)
+        self._in_block = lru_cache(maxsize=_NUM_BLOCKS)(self._hazards_of_block)
 
     def check(
         self,
@@ -324,7 +327,14 @@ class Shield:
     def _hazards_of_cell(self, east: int, north: int) -> Hazards:
         """Return the hazards that may be within reach of any place in a square of the map."""
         middle_m = _CELL_M * np.array([east + 0.5, north + 0.5])
-        return self._hazards.around(middle_m, self._cell_reach_m + math.sqrt(0.5) * _CELL_M)
+        block = self._in_block(east // _CELLS_A_BLOCK, north // _CELLS_A_BLOCK)
+        return block.around(middle_m, self._cell_reach_m + math.sqrt(0.5) * _CELL_M)
+
+    def _hazards_of_block(self, east: int, north: int) -> Hazards:
+        """Return the same for a square of many cells: of a city, a few streets."""
+        side_m = _CELL_M * _CELLS_A_BLOCK
+        middle_m = side_m * np.array([east + 0.5, north + 0.5])
+        return self._hazards.around(middle_m, self._cell_reach_m + math.sqrt(0.5) * side_m)
 
     def _reach_m(self, fastest_mps: float) -> float:
         """Return how far a vehicle gets that follows a velocity a while and then stops."""
