@@ -26,6 +26,8 @@ from companion.vehicle import (
 )
 from companion.world.frames import GeoPoint
 
+_ENOUGH_S = {dialect.MAVLINK_MSG_ID_ATTITUDE: 0.04, dialect.MAVLINK_MSG_ID_ODOMETRY: 0.08}
+"""No more often than this are these looked at."""
 _REBOOT_MS = 1000
 """The autopilot's clock this much back is a reboot; less is packets out of order."""
 _CLOCK_WRAPS_MS = 1 << 31
@@ -50,6 +52,7 @@ class Telemetry:
         """Above mean sea level, of HOME_POSITION."""
         self.frame_epoch = 0
         self._texts = TextAssembler()
+        self._decoded_s: dict[int, float] = {}
         self._frame_check = FrameCheck(autopilot.earth_radius_m)
         self._forget()
         self.handlers: Mapping[int, Callable[[Any, float], list[VehicleEvent]]] = {
@@ -154,10 +157,20 @@ class Telemetry:
         return events
 
     def wants(self, message_id: int, now_s: float) -> bool:
-        """Return whether a message is worth decoding; PX4 sends the global position at 50 Hz."""
+        """Return whether a message is worth decoding now.
+
+        PX4 sends its attitude a hundred times a second and the odometry, of which a counter is
+        read, thirty times: most of what decoding costs, and the newest says it all.
+        """
         if message_id == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
             return self._frame_check.is_due(now_s)
-        return message_id in self.handlers
+        period_s = _ENOUGH_S.get(message_id)
+        if period_s is None:
+            return message_id in self.handlers
+        if now_s - self._decoded_s.get(message_id, -math.inf) < period_s:
+            return False
+        self._decoded_s[message_id] = now_s
+        return True
 
     def _global_position(self, message: Any, now_s: float) -> list[VehicleEvent]:
         heard = Targets((0,))

@@ -142,9 +142,19 @@ def test_an_estimator_reset_is_a_new_epoch(bench):
     epochs = []
     for counter in (4, 4, 5, 5, 7, 255, 0):
         bench.autopilot.send(odometry(counter))
-        bench.run()
+        bench.run(0.1)
         epochs.append(vehicle.state().frame_epoch)
     assert epochs == [0, 0, 1, 1, 2, 3, 4]
+
+
+def test_a_flood_of_attitudes_is_looked_at_now_and_then(bench):
+    """PX4 sends a hundred a second; what is decoded is never older than a tick of the loop."""
+    vehicle = bench.attach()
+    bench.flying()
+    for step in range(100):
+        bench.attitude(yaw=0.01 * step)
+        bench.run(0.01)
+        assert abs(vehicle.state().attitude_rad[2] - 0.01 * step) <= 0.05 or step < 5
 
 
 def test_an_origin_that_moves_is_a_new_epoch(bench):

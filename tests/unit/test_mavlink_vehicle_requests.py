@@ -225,7 +225,7 @@ def test_a_pilot_who_chooses_a_mode_meanwhile_is_not_asked_again(px4, kind, acce
 
 def test_a_reboot_ends_what_was_pending(px4):
     px4.vehicle.request(RequestKind.LAND)
-    px4.attitude(boot_ms=500)
+    px4.position(boot_ms=500)
     px4.run()
     assert (status(px4).state, status(px4).detail) == (
         RequestState.REJECTED,
