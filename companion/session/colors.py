@@ -78,9 +78,9 @@ def packed(color: Color) -> int:
 
 def scale(share: float) -> Color:
     """Return red for a share of 0 and less, through yellow, to blue for 1 and more, in steps."""
-    if share <= 0.0:
+    if not share > 0.0:
         return DANGER
-    return _STEPS[min(len(_STEPS) - 1, int(share * len(_STEPS)))]
+    return _STEPS[min(len(_STEPS) - 1, int(min(1.0, share) * len(_STEPS)))]
 
 
 def bright(color: Color) -> Color:

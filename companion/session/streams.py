@@ -18,7 +18,7 @@ from companion.session.scene import draw_map
 from companion.session.viewer import LOOPBACK, free_port
 
 _APPLICATION = "companion"
-_FILE_PERIOD_S = 1.0  # every column costs a kilobyte, however short it is
+_FILE_PERIOD_S = 2.0  # every column costs a kilobyte, however short it is
 _LIVE_PERIOD_S = 0.2
 _DEFAULT_PORT = 9876  # of Rerun: `rerun --connect` needs no address
 _LIVE_MEMORY = "256MiB"  # kept for viewers that come late; tens of minutes

@@ -74,7 +74,12 @@ def headless_viewer(size: tuple[int, int]) -> Iterator[str]:
                     said.seek(0)
                     raise CompanionError(_why(said.read().decode(errors="replace")))
                 sleep_s(0.1)
-            yield f"rerun+http://{LOOPBACK}:{port}/proxy"
+            try:
+                yield f"rerun+http://{LOOPBACK}:{port}/proxy"
+            except (ConnectionError, RuntimeError) as error:  # it may give up after it listens
+                said.seek(0)
+                reason = said.read().decode(errors="replace") or str(error)
+                raise CompanionError(_why(reason)) from error
         finally:
             process.terminate()
             process.wait()
