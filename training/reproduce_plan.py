@@ -27,7 +27,7 @@ class Budget:
     """Of each run of the free stage; the preset's where none is given,"""
     obstacle_updates: int | None = None
     """and of each run among obstacles, likewise."""
-    ablation_updates: int = 8_000
+    ablation_updates: int = 5_000
     transfer_seeds: int = 3
     """How many of the seeds compare transfer with scratch,"""
     ablation_seeds: int = 1
@@ -101,7 +101,7 @@ def plan(
         for seed in seeds[: budget.ablation_seeds]
         for name, ablation in ablations.items()
     ]
-    for ablation_jobs in sorted(changed, key=len):  # those that need a free stage come last
+    for ablation_jobs in sorted(changed, key=_updates):  # what takes longest comes last
         jobs += ablation_jobs
     return _without_doubles(jobs)
 
@@ -125,6 +125,10 @@ def _ablation_jobs(
     own_free = shortened(ablation.change(free), budget.free_updates)
     source = _job("free", name, own_free, "free", seed)
     return [source, _job("ablation", name, changed, ABLATION_MAP, seed, init=source.name)]
+
+
+def _updates(jobs: list[Job]) -> int:
+    return sum(job.preset.updates for job in jobs)
 
 
 def _without_doubles(jobs: list[Job]) -> tuple[Job, ...]:
