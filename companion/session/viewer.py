@@ -20,7 +20,7 @@ from companion.errors import CompanionError, UsageError
 LOOPBACK = "127.0.0.1"
 _MEMORY_LIMIT = "2GB"
 _START_S = 60.0
-_OPTIMIZE_S = 120.0
+_OPTIMIZE_S = 900.0  # of an hour, on a busy computer
 
 
 def viewer_binary() -> Path:

@@ -25,6 +25,7 @@ from companion.session.records import (
     Tick,
     VehicleRecord,
 )
+from companion.session.viewer import free_port, viewer_binary
 from companion.vehicle import Severity
 
 START = SessionStart(
@@ -69,6 +70,20 @@ def ticks_in(path):
 
 def tick(index):
     return Tick(time_s=index / 20, position_enu_m=[float(index % 30), 5.0, 10.0])
+
+
+def full_tick(index):
+    """A tick with everything in it, so that a stream nobody reads fills up."""
+    return Tick(
+        time_s=index / 20,
+        position_enu_m=[float(index % 30), 5.0, 10.0],
+        velocity_enu_mps=[1.0, 2.0, 3.0],
+        target_enu_m=[20.0, 20.0, 10.0],
+        observation=[index / 4000] * 59,
+        safe_enu_mps=[1.0, 2.0, 3.0],
+        clearance_m=4.0,
+        rates_hz={"HEARTBEAT": 1.0},
+    )
 
 
 def wait_until(condition):
@@ -228,6 +243,47 @@ def test_the_live_view_is_hosted_on_loopback_only(tmp_path):
     assert f"0100007F:{int(port):04X}" in listening
     assert f"00000000:{int(port):04X}" not in listening
     assert recorder.close(PATIENCE_S)
+
+
+@pytest.mark.parametrize("viewer", ["absent", "watching", "stopped", "killed"])
+def test_whatever_the_viewer_does_the_recording_is_whole(tmp_path, viewer):
+    """It hosts, viewers come: one that reads no more must not hold up the file or the flight."""
+    recorder = Recorder(tmp_path, live="serve")
+    recorder.put(START)
+    messages = []
+
+    def announced():
+        messages.extend(recorder.take_messages())
+        return messages
+
+    wait_until(announced)
+    (address,) = re.findall(r"rerun --connect (\S+)", messages[0])
+    watching = None
+    if viewer != "absent":
+        command = [str(viewer_binary()), "--headless", "--port", str(free_port())]
+        watching = subprocess.Popen(
+            [*command, "--bind", "127.0.0.1", "--connect", address],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    try:
+        for index in range(100):
+            recorder.put(tick(index))
+        if viewer == "stopped":
+            os.kill(watching.pid, signal.SIGSTOP)
+        elif viewer == "killed":
+            watching.kill()
+        for index in range(100, 4000):
+            recorder.put(full_tick(index))
+        assert recorder.alive
+        assert recorder.dropped == 0
+        assert recorder.close(PATIENCE_S)
+    finally:
+        if watching is not None:
+            watching.kill()
+            watching.wait()
+    assert recorder.take_messages() == []
+    assert ticks_in(tmp_path / "session.rrd") == 4000
 
 
 def test_the_flying_process_never_loads_rerun(tmp_path):
