@@ -1,5 +1,6 @@
 """Telemetry logs: big-endian microseconds of wall clock before each MAVLink frame."""
 
+import lzma
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,13 +14,18 @@ _SIGNATURE = 13
 
 
 def read_frames(path: Path) -> Iterator[tuple[float, bytes]]:
-    """Yield (seconds, frame) of a log, oldest first.
+    """Yield (seconds, frame) of a log, oldest first; one packed with xz is unpacked.
 
     Raises:
         OSError: If it cannot be read.
         ValueError: If it is no telemetry log; one that is cut off in a frame just ends.
     """
     data = path.read_bytes()
+    if path.suffix == ".xz":
+        try:
+            data = lzma.decompress(data)
+        except lzma.LZMAError as error:
+            raise ValueError(f"{path} cannot be unpacked: {error}") from error
     position = 0
     while position + _STAMP.size + 3 <= len(data):
         (stamp_us,) = _STAMP.unpack_from(data, position)

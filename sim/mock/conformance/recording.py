@@ -109,7 +109,7 @@ def read_recording(path: Path) -> Recording:
         frames = list(read_frames(path))
     except (OSError, ValueError) as error:
         raise UsageError(f"cannot read {path}: {error}") from error
-    return interpret(path.stem, frames)
+    return interpret(path.name.partition(".")[0], frames)
 
 
 def interpret(name: str, frames: list[tuple[float, bytes]]) -> Recording:
