@@ -119,7 +119,8 @@ def headline(story: LogStory) -> str:
 
 def _page(story: LogStory) -> str:
     """Return the summary for the viewer, Markdown."""
-    rows = "\n".join(f"| {name} | {value} |" for name, value in story.story.facts)
+    first, *others = (f"| {name} | {value} |" for name, value in story.story.facts)
+    rows = "\n".join((first, "|---|---|", *others))
     grave = [
         event
         for event in story.events
@@ -130,7 +131,7 @@ def _page(story: LogStory) -> str:
         lines.append(f"- and {len(grave) - _MOST_FINDINGS} more: see the messages")
     found = "\n".join(lines)
     return (
-        f"#### {headline(story)}\n\n{found}\n\n| | |\n|---|---|\n{rows}\n\n"
+        f"#### {headline(story)}\n\n{found}\n\n{rows}\n\n"
         f"{story.vehicle_name}. {_date(story.start_utc_us)}. "
         "The colour of the path is that of the flight mode.\n"
     )

@@ -171,7 +171,6 @@ def _flight_facts(ticks: list[Tick], end_s: float) -> list[tuple[str, str]]:
     if speeds:
         velocity = np.array(speeds)
         level, up = np.linalg.norm(velocity[:, :2], axis=-1).max(), velocity[:, 2]
-        facts.append(
-            ("Highest speed", f"{level:.1f} m/s level, {up.max():.1f} up, {-up.min():.1f} down")
-        )
+        facts.append(("Highest speed", f"{level:.1f} m/s level"))
+        facts.append(("Climb and sink", f"{up.max():.1f} and {-up.min():.1f} m/s at most"))
     return facts

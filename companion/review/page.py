@@ -42,15 +42,17 @@ def write_page(flight: Flight, folder: Path, *, at_s: float | None = None) -> Pa
     Raises:
         UsageError: If the folder cannot be written to.
     """
-    grave = flight.summary is not None and flight.summary.exit_code != 0
+    failed = flight.summary is not None and flight.summary.exit_code != 0
+    found = findings(flight)
+    state = "bad" if failed else "care" if found else "good"
     settings = " · ".join(
         f"<span>{html.escape(name)} <b>{html.escape(value)}</b></span>"
         for name, value in flight.settings
     )
     above = f"<figure>{plan(flight)}<figcaption>From above, north up</figcaption></figure>"
     body = [
-        header(flight.title, flight.result, settings, grave=grave),
-        stands_out(findings(flight), "What stands out"),
+        header(flight.title, flight.result, settings, state),
+        stands_out(found, "What stands out"),
         _tiles(flight),
         f"<section class=scene>{above}{picture_of(flight, at_s)}</section>",
         _plots(flight),
@@ -65,7 +67,7 @@ def picture_of(flight: Flight, at_s: float | None) -> str:
     with tempfile.TemporaryDirectory(prefix="companion-page-") as scratch:
         png = Path(scratch) / "picture.png"
         try:
-            show.render_png(flight, png, at_s=at_s, size=_WINDOW, view="City")
+            show.render_png(flight, png, at_s=at_s, size=_WINDOW, views=("City", "Scene"))
         except CompanionError as error:
             return f"<p class=note>No picture of the viewer: {html.escape(str(error))}</p>"
         data = base64.b64encode(png.read_bytes()).decode()
@@ -75,10 +77,10 @@ def picture_of(flight: Flight, at_s: float | None) -> str:
     )
 
 
-def header(title: str, result: str, settings: str, *, grave: bool) -> str:
-    """Return the head of a page; ``settings`` is HTML, the others are words."""
+def header(title: str, result: str, settings: str, state: str) -> str:
+    """Return the head of a page; ``settings`` is HTML, ``state`` good, care or bad."""
     return (
-        f'<header class="{"bad" if grave else "good"}"><h1>{html.escape(title)}</h1>'
+        f'<header class="{state}"><h1>{html.escape(title)}</h1>'
         f"<p class=result>{html.escape(result)}</p><p class=settings>{settings}</p></header>"
     )
 

@@ -74,7 +74,7 @@ def write_pair_page(both: Pair, folder: Path, *, at_s: float | None) -> Path:
     states = bands({name: list(changes) for name, changes in _states(both)}, span)
     paths = plan_of(_city(both), list(zip(both.names, both.tracks(), (FIRST, SECOND), strict=True)))
     body = [
-        header("Two flights compared", " beside ".join(both.names), "", grave=False),
+        header("Two flights compared", " beside ".join(both.names), "", "good"),
         f"<section><table class=figures><tr><th></th>{names}</tr>{rows}</table></section>",
         *(
             stands_out(findings(flight), f"What stands out in {name}")

@@ -2,6 +2,7 @@
 
 import shlex
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from companion.errors import UsageError
@@ -38,7 +39,7 @@ def render_png(
     *,
     at_s: float | None = None,
     size: tuple[int, int] = LARGE,
-    view: str | None = None,
+    views: Sequence[str] = (),
 ) -> None:
     """Render the flight into a picture, without a display.
 
@@ -47,7 +48,7 @@ def render_png(
         png: The picture; overwritten.
         at_s: Time of the picture since the start; the end, if not given.
         size: Width and height in pixels.
-        view: Only the view of this name.
+        views: Only the first view that has one of these names.
 
     Raises:
         UsageError: If there is nothing to show, or Rerun is not installed.
@@ -59,7 +60,7 @@ def render_png(
         recording = make_recording(flight, Path(folder))
         from companion.session.picture import render
 
-        render(recording, png, at_s=at_s, size=size, view=view)
+        render(recording, png, at_s=at_s, size=size, views=views)
 
 
 def show_map(city: Map) -> str:

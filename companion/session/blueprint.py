@@ -34,7 +34,7 @@ def blueprint(start: SessionStart, *, live: bool) -> rrb.Blueprint:
     ]
     scenes = [city_view(start.map), plan_view(start.map), chase_view(start.map)]
     if start.map.origin is not None:
-        scenes.append(earth_view())
+        scenes.append(earth_view(start.map))
     return assemble(scenes, plots, window, active="Chase" if live else "City", live=live)
 
 
@@ -49,10 +49,10 @@ def log_blueprint(start: SessionStart) -> rrb.Blueprint:
             name="Health",
         ),
     ]
-    scenes = [city_view(start.map), plan_view(start.map), chase_view(start.map)]
+    scenes = [city_view(start.map, "Scene"), plan_view(start.map), chase_view(start.map)]
     if start.map.origin is not None:
-        scenes.append(earth_view())
-    return assemble(scenes, plots, ALWAYS, active="City", live=False)
+        scenes.append(earth_view(start.map))
+    return assemble(scenes, plots, ALWAYS, active="Scene", live=False)
 
 
 def map_blueprint(city: MapRecord) -> rrb.Blueprint:

@@ -86,7 +86,7 @@ def _layout(city: MapRecord, curves: Sequence[CurveData]) -> rrb.Blueprint:
         for name, first in (("Flight", 0), ("More", _PLOTS))
         if views[first : first + _PLOTS]
     ]
-    return assemble([city_view(city)], pages, ALWAYS, active="City", live=False)
+    return assemble([city_view(city, "Scene")], pages, ALWAYS, active="Scene", live=False)
 
 
 def _send_track(

@@ -4,6 +4,7 @@ Needs a Vulkan driver; on a machine without a graphics card that is Mesa's lavap
 ``mesa-vulkan-drivers`` and ``libvulkan1``.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from rerun.experimental import ViewerClient
@@ -24,7 +25,7 @@ def render(
     *,
     at_s: float | None,
     size: tuple[int, int],
-    view: str | None = None,
+    views: Sequence[str] = (),
 ) -> None:
     """Render ``recording`` at ``at_s``, or at its end, into ``png``.
 
@@ -33,7 +34,7 @@ def render(
         png: The picture; overwritten.
         at_s: Time since the start.
         size: Of the window, pixels.
-        view: Only the view of this name.
+        views: Only the first view that has one of these names.
 
     Raises:
         UsageError: If Rerun is not installed.
@@ -46,13 +47,13 @@ def render(
         time_s = end_s if at_s is None else min(max(0.0, at_s), end_s)
         client.set_time(_TIMELINE, duration=time_s, play_state="paused")
         sleep_s(_SETTLE_S)
-        client.save_screenshot(str(png.resolve()), _view_id(client, view))
+        client.save_screenshot(str(png.resolve()), _view_id(client, views))
 
 
-def _view_id(client: ViewerClient, name: str | None) -> str | None:
+def _view_id(client: ViewerClient, names: Sequence[str]) -> str | None:
     """Return the id of a view by its name; ``None``, the whole window, if there is none."""
-    for view in client.get_state().views if name else ():
-        if view.name == name:
+    for view in client.get_state().views if names else ():
+        if view.name in names:
             return view.view_id
     return None
 

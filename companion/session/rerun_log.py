@@ -38,7 +38,7 @@ from companion.session.writer import StreamWriter
 from companion.vehicle import Severity
 
 _FLUSH_S = 5.0
-_FOLD = 64  # letters
+_FOLD = 54  # letters
 FOLDED = "    "
 """What the second and further lines of a long text begin with."""
 _LEVELS = {

@@ -21,6 +21,9 @@ LAST_MINUTE = rrb.TimeRange(
     start=rrb.TimeRangeBoundary.cursor_relative(seconds=-_LIVE_WINDOW_S),
     end=rrb.TimeRangeBoundary.cursor_relative(),
 )
+_EQUATOR_M = 40_075_017.0
+_MAP_SHARE = 1.5  # tiles, of 256 pixels, from border to border
+_CLOSEST_ZOOM = 19.0  # of OpenStreetMap
 _UP = (0.0, 0.0, 1.0)
 _AZIMUTH_RAD = 0.85  # of the city camera, from east toward north
 _DIVE_RAD = 0.6  # below the horizon
@@ -28,7 +31,7 @@ SLOPE_UP = 0.94 * math.tan(0.5 * math.radians(55.0))  # the viewer's field of vi
 SLOPE_ACROSS = 1.5 * SLOPE_UP  # the view is at least that much wider than high
 
 
-def city_view(city: MapRecord) -> rrb.Spatial3DView:
+def city_view(city: MapRecord, name: str = "City") -> rrb.Spatial3DView:
     """See the whole map from the south-west, high enough to look into the streets."""
     east_m, north_m, up_m = city.size_m
     shown_m = [[east, north, 0.0] for east in (0.0, east_m) for north in (0.0, north_m)]
@@ -38,7 +41,7 @@ def city_view(city: MapRecord) -> rrb.Spatial3DView:
         shown_m += [[east, north, height_m] for east, north in ring]
     eye_m, centre_m = stand_back(np.array(shown_m))
     eye = rrb.EyeControls3D(position=eye_m, look_target=centre_m, eye_up=_UP)
-    return _scene("City", eye)
+    return _scene(name, eye)
 
 
 def stand_back(shown_m: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -79,11 +82,15 @@ def plan_view(city: MapRecord) -> rrb.Spatial2DView:
     )
 
 
-def earth_view() -> rrb.MapView:
+def earth_view(city: MapRecord) -> rrb.MapView:
     """See the place on earth; the picture below the lines needs a network."""
+    latitude_rad = math.radians(city.origin[0] if city.origin is not None else 0.0)
+    metres_m = _EQUATOR_M * math.cos(latitude_rad)  # that zoom 0 shows in a tile's width
+    zoom = math.log2(metres_m * _MAP_SHARE / max(city.size_m[:2]))
     return rrb.MapView(
         origin="earth",
         name="Map",
+        zoom=min(_CLOSEST_ZOOM, zoom),
         background=rrb.MapProvider.OpenStreetMap,
         overrides={"earth/path": [VisibleTimeRanges([_WHOLE])]},
     )
