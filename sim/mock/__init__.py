@@ -12,7 +12,11 @@ Read in this order:
 * ``telemetry``, ``streams``, ``commands``, ``incoming``, ``channel``: what every autopilot does
   with messages; ``personality``: what makes one of them;
 * ``px4`` and ``ardupilot``: the two personalities, each with a reading order of its own;
+* ``packet``, ``signing``: messages on their way, and who may speak;
 * ``vehicle``: an autopilot and its links, with ``placement`` on a map, ``targets``, a
-  ``referee``, ``faults`` and ``wire``, what is wrong with a link;
-* ``bench``: the same in process, on a virtual clock; ``sockets``, ``process``, ``cli``: the shell.
+  ``referee`` of the flight, the ``conduct`` of the companions, ``faults`` and ``wire``, what is
+  wrong with a link;
+* ``bench``: the same in process, on a virtual clock; ``sockets``, ``process``, ``cli``,
+  ``manual``: the shell;
+* ``conformance`` and ``fit``: the mock against recorded flights.
 """
