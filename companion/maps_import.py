@@ -23,7 +23,7 @@ _HIGHEST_M = 10_000.0
 
 @dataclass(frozen=True)
 class ImportArgs:
-    """Make a map of building footprints: GeoJSON (WGS84), or JSON from Overpass."""
+    """Make a map of building footprints: GeoJSON (WGS84, UTM), or JSON from Overpass."""
 
     file: tyro.conf.Positional[Path]
     """Footprints: GeoJSON with polygons, as from overpass-turbo, osmtogeojson or GDAL; or Overpass
@@ -36,6 +36,8 @@ class ImportArgs:
     """Or the middle of a square of --size."""
     size: Annotated[float | None, tyro.conf.arg(metavar="M")] = None
     """Side of that square."""
+    crs: Annotated[str, tyro.conf.arg(metavar="EPSG:CODE")] = ""
+    """Of a file that does not name its coordinates: EPSG:3857 or a UTM zone, EPSG:32632."""
     ceiling: Annotated[float, tyro.conf.arg(metavar="M")] = 100.0
     """Height of the map; higher roofs end there."""
     altitude: Annotated[float | None, tyro.conf.arg(metavar="M")] = None
@@ -82,7 +84,7 @@ def import_file(args: ImportArgs) -> None:
     if out.exists() and not args.force:
         raise UsageError(f"{out} exists: --force overwrites it, --out names another")
     try:
-        outlines = read_building_file(args.file)
+        outlines = read_building_file(args.file, args.crs)
         options = ImportOptions(
             name=name,
             source=args.file.name,

@@ -17,6 +17,7 @@ from companion.arrays import FloatArray
 from companion.errors import MapError
 from companion.world.building_tags import Tags, read_tags
 from companion.world.overpass import read_elements
+from companion.world.projections import ToDegrees, to_degrees
 
 MAX_FILE_BYTES = 2**28
 """256 MiB are about half a million buildings: a file of a country, to be cut first."""
@@ -24,7 +25,8 @@ _SEQUENCE = re.compile(rb"\s*(\x1e|\{[^\n]*\}\s*\n\s*\{)")
 """A feature a line, as GDAL's GeoJSONSeq and RFC 8142 have it."""
 _AREAS = ("Polygon", "MultiPolygon")
 _OTHERS = ("Point", "MultiPoint", "LineString", "MultiLineString")
-_WGS84 = ("crs84", "4326", "4979", "wgs84", "wgs 84", "crs84h")
+_SCRIPT = re.compile(rb"\s*(?:var|let|const)\s+\w+\s*=\s*(?P<data>\{.*\})\s*;?\s*", re.DOTALL)
+"""GeoJSON as a line of JavaScript, as web maps are exported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +43,12 @@ class Outline:
     not closed. Empty for points, lines and features without geometry."""
 
 
-def read_building_file(path: Path) -> list[Outline]:
+def read_building_file(path: Path, crs: str = "") -> list[Outline]:
     """Read all features of a GeoJSON or Overpass file.
+
+    Args:
+        path: The file.
+        crs: Its coordinates, if it does not name them; by default longitude and latitude.
 
     Raises:
         MapError: If it is neither, or a coordinate is no place on earth. The message names the
@@ -55,48 +61,61 @@ def read_building_file(path: Path) -> list[Outline]:
         raise MapError((error.strerror or str(error)).lower()) from error
     if len(data) > MAX_FILE_BYTES:
         raise MapError(f"larger than {MAX_FILE_BYTES // 2**20} MiB: cut out what you need first")
-    return read_outlines(data)
+    return read_outlines(data, crs)
 
 
-def read_outlines(data: bytes) -> list[Outline]:
+def read_outlines(data: bytes, crs: str = "") -> list[Outline]:
     """Return all features of a file's bytes; raises ``MapError`` as ``read_building_file``."""
     top = _decode(data)
     if not isinstance(top, dict):
         raise MapError(f"not GeoJSON: expected an object, got {_kind(top)}")
     if "elements" in top and "type" not in top:
         features = read_elements(top["elements"], str(top.get("remark", "")))
+        crs = ""
     else:
-        _check_crs(top)
+        crs = _named_crs(top) or crs
         features = _features(top)
-    return [_outline(where, feature) for where, feature in features]
+    degrees = to_degrees(crs or "EPSG:4326")
+    return [_outline(where, feature, degrees) for where, feature in features]
 
 
 def _decode(data: bytes) -> Any:
     if not data.strip():
         raise MapError("not GeoJSON: the file is empty")
     try:
+        data = _utf8(data)
         if _SEQUENCE.match(data):
             features = msgspec.json.Decoder().decode_lines(data.replace(b"\x1e", b""))
             return {"type": "FeatureCollection", "features": features}
-        return msgspec.json.decode(data.removeprefix(b"\xef\xbb\xbf"))
+        script = _SCRIPT.fullmatch(data)
+        return msgspec.json.decode(data if script is None else script["data"])
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise MapError(f"not JSON: {str(error).removeprefix('JSON is malformed: ')}") from error
     except RecursionError as error:
         raise MapError("not JSON: nested too deeply") from error
 
 
-def _check_crs(top: Mapping[str, Any]) -> None:
-    """Refuse coordinates that are not longitude and latitude (GeoJSON 2008 could name others)."""
+def _utf8(data: bytes) -> bytes:
+    """Return a file's text as UTF-8, from what editors and shells on Windows write as well."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return data.decode("utf-16").encode()
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        # Only names have letters beyond ASCII: at worst one of them is spelt wrongly.
+        return data.decode("cp1252", errors="replace").encode()
+    return data
+
+
+def _named_crs(top: Mapping[str, Any]) -> str:
+    """Return what a file says its coordinates are (GeoJSON of 2008 could), or nothing."""
     crs = top.get("crs")
     if crs is None:
-        return
+        return ""
     properties = crs.get("properties") if isinstance(crs, dict) else None
-    name = str(properties.get("name", "")) if isinstance(properties, dict) else ""
-    if name.lower().replace("::", ":").rsplit(":", 1)[-1] not in _WGS84:
-        raise MapError(
-            f"crs is {name or 'not named'}: only WGS84 longitude and latitude can be read, "
-            "convert the file to EPSG:4326"
-        )
+    name = properties.get("name") if isinstance(properties, dict) else None
+    return name if isinstance(name, str) and name.strip() else "not named"
 
 
 def _features(top: Mapping[str, Any]) -> list[tuple[str, Any]]:
@@ -118,7 +137,7 @@ def _features(top: Mapping[str, Any]) -> list[tuple[str, Any]]:
     )
 
 
-def _outline(where: str, feature: Any) -> Outline:
+def _outline(where: str, feature: Any, degrees: ToDegrees) -> Outline:
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
         found = feature.get("type") if isinstance(feature, dict) else _kind(feature)
         raise MapError(f"{where}: expected a Feature, got {found}")
@@ -133,11 +152,11 @@ def _outline(where: str, feature: Any) -> Outline:
         where=where,
         identity=str(identity) if isinstance(identity, str | int) else "",
         tags=read_tags(properties),
-        polygons_deg=() if geometry is None else _polygons(f"{where}.geometry", geometry),
+        polygons_deg=() if geometry is None else _polygons(f"{where}.geometry", geometry, degrees),
     )
 
 
-def _polygons(where: str, geometry: Any) -> tuple[tuple[FloatArray, ...], ...]:
+def _polygons(where: str, geometry: Any, degrees: ToDegrees) -> tuple[tuple[FloatArray, ...], ...]:
     """Return the polygons of any geometry."""
     kind = geometry.get("type") if isinstance(geometry, dict) else _kind(geometry)
     if kind == "GeometryCollection":
@@ -145,7 +164,7 @@ def _polygons(where: str, geometry: Any) -> tuple[tuple[FloatArray, ...], ...]:
         return tuple(
             polygon
             for index, part in enumerate(_array(f"{where}.geometries", parts))
-            for polygon in _polygons(f"{where}.geometries[{index}]", part)
+            for polygon in _polygons(f"{where}.geometries[{index}]", part, degrees)
         )
     if kind in _OTHERS:
         return ()
@@ -154,19 +173,20 @@ def _polygons(where: str, geometry: Any) -> tuple[tuple[FloatArray, ...], ...]:
     where = f"{where}.coordinates"
     coordinates = geometry.get("coordinates")
     if kind == "Polygon":
-        return (_rings(where, coordinates),)
+        return (_rings(where, coordinates, degrees),)
     return tuple(
-        _rings(f"{where}[{index}]", rings) for index, rings in enumerate(_array(where, coordinates))
+        _rings(f"{where}[{index}]", rings, degrees)
+        for index, rings in enumerate(_array(where, coordinates))
     )
 
 
-def _rings(where: str, rings: Any) -> tuple[FloatArray, ...]:
+def _rings(where: str, rings: Any, degrees: ToDegrees) -> tuple[FloatArray, ...]:
     return tuple(
-        _ring(f"{where}[{index}]", ring) for index, ring in enumerate(_array(where, rings))
+        _ring(f"{where}[{index}]", ring, degrees) for index, ring in enumerate(_array(where, rings))
     )
 
 
-def _ring(where: str, ring: Any) -> FloatArray:
+def _ring(where: str, ring: Any, degrees: ToDegrees) -> FloatArray:
     """Return a ring as longitudes and latitudes, not closed."""
     try:
         positions = msgspec.convert(ring, list[list[float]])
@@ -177,7 +197,9 @@ def _ring(where: str, ring: Any) -> FloatArray:
     short = next((index for index, place in enumerate(positions) if len(place) < 2), None)
     if short is not None:
         raise MapError(f"{where}[{short}] needs a longitude and a latitude")
-    ring_deg = np.array([place[:2] for place in positions], dtype=np.float64).reshape(-1, 2)
+    ring_deg = degrees(
+        np.array([place[:2] for place in positions], dtype=np.float64).reshape(-1, 2)
+    )
     # Written so that nan fails too.
     strange = ~np.all(np.abs(ring_deg) <= (180.0, 90.0), axis=1)
     if strange.any():
@@ -195,7 +217,7 @@ def _explain(longitude_deg: float, latitude_deg: float) -> str:
         )
     return (
         f"({longitude_deg:g}, {latitude_deg:g}) is no longitude and latitude: "
-        "convert the file to WGS84 (EPSG:4326)"
+        "say which plane it is on with --crs EPSG:..., or convert the file to WGS84 (EPSG:4326)"
     )
 
 

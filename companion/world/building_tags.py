@@ -9,12 +9,19 @@ from typing import Any
 LEVEL_M = 3.0
 """Height of a storey; OpenStreetMap's wiki (Simple 3D Buildings) says the same."""
 
-_HEIGHTS = ("height", "building:height", "height:m", "measuredheight", "render:height")
-_LEVELS = ("building:levels", "levels", "num:floors", "floors", "storeys", "stories")
+_HEIGHTS = (
+    "height", "building:height", "height:m", "measuredheight", "render:height", "hauteur",
+    "hoehe",
+)  # fmt: skip
+_LEVELS = (
+    "building:levels", "levels", "b:levels", "num:floors", "nb:floors", "number:of:floors",
+    "numfloors", "maxfloors", "floors", "storeys", "stories",
+)  # fmt: skip
 _ROOF_LEVELS = ("roof:levels", "building:roof:levels")
 _ROOF_HEIGHTS = ("roof:height", "building:roof:height")
 _BEGINS_ABOVE = (
-    "min:height", "building:min:height", "render:min:height", "building:min:level", "min:level",
+    "min:height", "base:height", "building:min:height", "render:min:height",
+    "building:min:level", "min:level",
 )  # fmt: skip
 _NAMES = ("name", "addr:housename")
 _FOOT_M = 0.3048
@@ -65,7 +72,9 @@ def read_tags(properties: Mapping[str, Any]) -> dict[str, str | float]:
         sources.append(dict(_HSTORE.findall(packed)))
     for source in sources:
         for key, value in source.items():
-            if isinstance(value, str | int | float) and not isinstance(value, bool):
+            if isinstance(value, bool):
+                tags.setdefault(key.lower().replace("_", ":"), "yes" if value else "no")
+            elif isinstance(value, str | int | float):
                 plain = value.strip() if isinstance(value, str) else float(value)
                 if plain != "":
                     tags.setdefault(key.lower().replace("_", ":"), plain)
@@ -91,7 +100,11 @@ def is_part(tags: Tags) -> bool:
 
 def is_underground(tags: Tags) -> bool:
     """Return whether it lies below the ground for all of its height."""
-    return str(tags.get("location", "")).lower() == "underground"
+    # The second is Overture's.
+    return (
+        str(tags.get("location", "")).lower() == "underground"
+        or str(tags.get("is:underground", "no")).lower() == "yes"
+    )
 
 
 def begins_above_ground(tags: Tags) -> bool:

@@ -44,6 +44,7 @@ def place(polygons_deg: Sequence[Sequence[FloatArray]], box: MapBox, tolerance_m
         tolerance_m: By how much outlines may change to have fewer corners.
     """
     placed = Placed()
+    lying: list[shapely.Geometry] = []
     ground = shapely.box(0.0, 0.0, box.east_m, box.north_m)
     low_deg, high_deg = box.bounds_deg
     for rings_deg in polygons_deg:
@@ -68,8 +69,11 @@ def place(polygons_deg: Sequence[Sequence[FloatArray]], box: MapBox, tolerance_m
             placed.clipped = True
         if polygon.area > 0.0:
             placed.inside = True
-            simple = shapely.simplify(polygon, tolerance_m, preserve_topology=True)
-            _add_parts(placed, shapely.set_precision(simple, GRID_M))
+            lying.append(polygon)
+    # Parts of one building that touch are one: fewer walls, and none inside.
+    for part in shapely.get_parts(shapely.union_all(lying)) if len(lying) > 1 else lying:
+        simple = shapely.simplify(part, tolerance_m, preserve_topology=True)
+        _add_parts(placed, shapely.set_precision(simple, GRID_M))
     return placed
 
 

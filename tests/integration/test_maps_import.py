@@ -50,16 +50,16 @@ def town(town_text, tmp_path):
     return path
 
 
-def run(capsys, *words):
+def run(capfd, *words):
     with pytest.raises(SystemExit) as end:
         cli.main(["maps", *map(str, words)])
-    out, err = capsys.readouterr()
+    out, err = capfd.readouterr()
     return end.value.code or 0, out, err
 
 
-def test_a_town_becomes_a_map(town, tmp_path, capsys):
+def test_a_town_becomes_a_map(town, tmp_path, capfd):
     path = tmp_path / "town.yaml"
-    code, out, err = run(capsys, "import", town, "--out", path, "--altitude", "40")
+    code, out, err = run(capfd, "import", town, "--out", path, "--altitude", "40")
     assert (code, err) == (0, "")
     assert "300 as 330 obstacles, of 300 features" in out
     assert "150 given, 150 from storeys of 3 m, 0 assumed 15 m" in out
@@ -77,16 +77,16 @@ def test_a_town_becomes_a_map(town, tmp_path, capsys):
     assert not city.is_free(np.array([12.0, 12.0, 5.0]))
     assert city.size_m[:2] == pytest.approx([511.0, 386.0], abs=1.1)
 
-    code, out, _ = run(capsys, "check", path)
+    code, out, _ = run(capfd, "check", path)
     assert code == 0
     assert city.content_hash in out
     assert "and 280 more, none of them higher" in out
 
 
-def test_a_box_south_of_the_equator(town, tmp_path, capsys):
+def test_a_box_south_of_the_equator(town, tmp_path, capfd):
     path = tmp_path / "part.yaml"
     code, out, err = run(
-        capsys, "import", town, "--out", path, "--box", "-33.870,151.200,-33.869,151.201"
+        capfd, "import", town, "--out", path, "--box", "-33.870,151.200,-33.869,151.201"
     )
     assert code == 0
     assert "outside the box" in out
@@ -95,7 +95,7 @@ def test_a_box_south_of_the_equator(town, tmp_path, capsys):
     assert city.name == "town"
     assert city.size_m[:2] == pytest.approx([92.5, 111.0], abs=0.3)
     code, _, _ = run(
-        capsys, "import", town, "--out", path, "--force", "--center", "-33.869,151.201", "--size",
+        capfd, "import", town, "--out", path, "--force", "--center", "-33.869,151.201", "--size",
         "100", "--name", "square", "--ceiling", "60",
     )  # fmt: skip
     assert code == 0
@@ -103,14 +103,14 @@ def test_a_box_south_of_the_equator(town, tmp_path, capsys):
     assert load_map(path).name == "square"
 
 
-def test_nothing_is_overwritten_unasked(town, tmp_path, capsys):
+def test_nothing_is_overwritten_unasked(town, tmp_path, capfd):
     path = tmp_path / "town.yaml"
     path.write_text("precious")
-    code, out, err = run(capsys, "import", town, "--out", path)
+    code, out, err = run(capfd, "import", town, "--out", path)
     assert (code, out) == (2, "")
     assert err == f"companion: {path} exists: --force overwrites it, --out names another\n"
     assert path.read_text() == "precious"
-    assert run(capsys, "import", town, "--out", path, "--force")[0] == 0
+    assert run(capfd, "import", town, "--out", path, "--force")[0] == 0
     assert load_map(path).name == "town"
     assert sorted(found.name for found in tmp_path.iterdir()) == ["town.geojson", "town.yaml"]
 
@@ -137,11 +137,11 @@ def test_nothing_is_overwritten_unasked(town, tmp_path, capsys):
     ],
 )
 def test_what_makes_no_sense_is_refused_in_one_line(
-    town, tmp_path, monkeypatch, capsys, words, code, message
+    town, tmp_path, monkeypatch, capfd, words, code, message
 ):
     monkeypatch.chdir(tmp_path)
     before = sorted(tmp_path.iterdir())
-    found, out, err = run(capsys, "import", town, *words)
+    found, out, err = run(capfd, "import", town, *words)
     assert (found, out) == (code, "")
     assert err.startswith("companion: ")
     assert err.count("\n") == 1
@@ -151,22 +151,22 @@ def test_what_makes_no_sense_is_refused_in_one_line(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_files_that_are_no_footprints_are_named(tmp_path, capsys):
+def test_files_that_are_no_footprints_are_named(tmp_path, capfd):
     for name, content in (("a.geojson", b"\x00"), ("b.json", b'{"type": "Topology\\u202e"}')):
         path = tmp_path / name
         path.write_bytes(content)
-        code, out, err = run(capsys, "import", path)
+        code, out, err = run(capfd, "import", path)
         assert (code, out, err.count("\n")) == (5, "", 1)
         assert err.startswith(f"companion: cannot import {path}: not ")
         assert err.rstrip("\n").isprintable()
-    code, _, err = run(capsys, "import", tmp_path / "c.json")
+    code, _, err = run(capfd, "import", tmp_path / "c.json")
     assert code == 5
     assert "no such file or directory" in err
 
 
-def test_a_map_that_would_be_too_large_is_refused(town, tmp_path, monkeypatch, capsys):
+def test_a_map_that_would_be_too_large_is_refused(town, tmp_path, monkeypatch, capfd):
     monkeypatch.setattr("companion.world.map_writer.MAX_FILE_BYTES", 20 * 1024)
-    code, _, err = run(capsys, "import", town, "--out", tmp_path / "town.yaml")
+    code, _, err = run(capfd, "import", town, "--out", tmp_path / "town.yaml")
     assert code == 5
     assert "(330 obstacles) and a map file has at most 20: choose a smaller --box" in err
     assert not (tmp_path / "town.yaml").exists()

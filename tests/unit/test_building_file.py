@@ -62,7 +62,7 @@ def spoilt(coordinates):
 WRONG = {
     "empty": (b"", "the file is empty"),
     "no JSON": (b"{", "not JSON: Input data was truncated"),
-    "not text": (b'{"a": "\xff"}', "not JSON"),
+    "not text": (b"\xff\xfe{\xd8", "not JSON"),
     "too deep": (b"[" * 100_000, "not JSON: nested too deeply"),
     "an array": ([], "not GeoJSON: expected an object, got array"),
     "other JSON": ({"a": 1}, "neither a type nor Overpass elements"),
@@ -80,7 +80,7 @@ WRONG = {
     ),
     "named grid": (
         collection(GOOD) | {"crs": {"properties": {"name": "urn:ogc:def:crs:EPSG::2056"}}},
-        "crs is urn:ogc:def:crs:EPSG::2056: only WGS84",
+        "crs is urn:ogc:def:crs:EPSG::2056: WGS84, .*ogr2ogr -t_srs EPSG:4326",
     ),
     "latitude first": (
         spoilt([[[35.6, 139.7], [35.7, 139.7], [35.7, 139.8]]]),
@@ -108,6 +108,62 @@ def test_what_cannot_be_read_says_where(content, message):
     data = content if isinstance(content, bytes) else json.dumps(content).encode()
     with pytest.raises(MapError, match=message):
         import_map(read_outlines(data), ImportOptions("town", "town.json"))
+
+
+def on_mercator(outline_m):
+    """Return a ring in Web Mercator, written as its definition has it."""
+    longitude, latitude = np.deg2rad(np.array(ring(outline_m))).T
+    north = np.log(np.tan(np.pi / 4 + latitude / 2))
+    return (6_378_137.0 * np.column_stack((longitude, north))).tolist()
+
+
+@pytest.mark.parametrize("named", [True, False], ids=["named in the file", "said by hand"])
+def test_footprints_on_a_plane_in_metres(named):
+    outline = square(10, 10)
+    geometry = {"type": "Polygon", "coordinates": [on_mercator(outline)]}
+    top = collection({"type": "Feature", "properties": {"building": True}, "geometry": geometry})
+    if named:
+        top["crs"] = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}}
+    outlines = read_outlines(json.dumps(top).encode(), "" if named else "EPSG:3857")
+    city, _ = import_map(outlines, ImportOptions(name="town", source="town.json", box=BOX))
+    np.testing.assert_allclose(sorted(city.footprints_m[0].tolist()), sorted(outline), atol=0.011)
+
+
+def test_a_file_on_a_plane_that_does_not_say_so_is_refused_with_what_to_do():
+    geometry = {"type": "Polygon", "coordinates": [on_mercator(square(10, 10))]}
+    with pytest.raises(MapError, match="say which plane it is on with --crs EPSG"):
+        run(collection({"type": "Feature", "properties": {}, "geometry": geometry}))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_files_from_windows(encoding):
+    text = json.dumps(collection(feature(square(10, 10), name="B\u00e4che")), ensure_ascii=False)
+    (outline,) = read_outlines(text.encode(encoding))
+    assert outline.tags["name"] == "B\u00e4che"
+
+
+@pytest.mark.parametrize("script", ["var json_house_1 = {};", "const a={}", " let x = \n{}\n;\n"])
+def test_geojson_as_a_script(script):
+    top = json.dumps(collection(feature(square(10, 10))))
+    assert len(read_outlines(script.replace("{}", top).encode())) == 1
+
+
+def test_parts_of_one_building_that_touch_are_one():
+    geometry = {
+        "type": "MultiPolygon",
+        "coordinates": [
+            [ring(square(10, 10))], [ring(square(20, 10))], [ring(square(15, 5))],
+            [ring(square(60, 60))],
+        ],
+    }  # fmt: skip
+    city, report = run(
+        collection({"type": "Feature", "properties": {"building": "yes"}, "geometry": geometry}),
+        box=BOX,
+    )
+    assert (report.buildings, len(city.obstacles)) == (1, 2)
+    inside_m = np.array([(15, 15, 1), (25, 15, 1), (20, 7, 1), (19.99, 18, 1), (65, 65, 1)])
+    assert city.obstacles.contains(inside_m).all()
+    assert city.is_free(np.array([12.0, 7.0, 1.0]), 1.9)
 
 
 def test_crs_that_are_wgs84():

@@ -2,7 +2,15 @@
 
 import pytest
 
-from companion.world.building_tags import HeightSource, height_of, parse_length_m, read_tags
+from companion.world.building_tags import (
+    HeightSource,
+    begins_above_ground,
+    height_of,
+    is_building,
+    is_underground,
+    parse_length_m,
+    read_tags,
+)
 
 
 @pytest.mark.parametrize(
@@ -54,3 +62,13 @@ def test_lengths_as_people_write_them(text, length_m):
 def test_the_height_of_a_building(properties, height_m, source):
     height = height_of(read_tags(properties), 15.0)
     assert (height.height_m, height.source) == (height_m, source)
+
+
+def test_truth_values_and_spellings_of_exporters():
+    assert is_building(read_tags({"building": True}))
+    assert not is_building(read_tags({"building": False}))
+    assert is_underground(read_tags({"is_underground": True}))
+    assert not is_underground(read_tags({"is_underground": False}))
+    assert begins_above_ground(read_tags({"base_height": "4.5"}))
+    assert not begins_above_ground(read_tags({"base_height": "0"}))
+    assert height_of(read_tags({"nb_floors": 4}), 15.0).height_m == 12.0
