@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from companion.errors import UsageError
+from companion.errors import ActorError, UsageError
 from companion.policy.actor import Actor
 from companion.world.maps import load_map
 from training import train
@@ -301,6 +301,16 @@ def test_torch_and_onnx_agree(tmp_path, seed):
     actor = export_actor(network, contract, tmp_path / "a.onnx")
     assert largest_difference(network, actor) <= 1e-5
     assert Actor.load(tmp_path / "a.onnx").contract == contract
+
+
+@pytest.mark.parametrize(("home", "elsewhere"), [("env1", "env2"), ("env2", "env1")])
+def test_the_shipped_actors_of_the_papers_maps_fly_there_only(home, elsewhere):
+    actor = Actor.load(f"paper-{home}")
+    evaluation = actor.contract.evaluation[0]
+    assert (evaluation.map_name, evaluation.episodes) == (home, 1_000)
+    actor.check_fits(load_map(home), 5.0)
+    with pytest.raises(ActorError, match=home):
+        actor.check_fits(load_map(elsewhere), 5.0)
 
 
 BLOCK = """
