@@ -71,7 +71,8 @@ class DdpgOptions:
     """Weight of the new parameters in the target networks: 1 - nu (E5)."""
     pre_activation_penalty: float = 0.01
     """Weight of the squared input of tanh in the actor's loss (the action penalty of hindsight
-    experience replay's DDPG), in both presets. Without it the actor saturates and stops learning."""
+    experience replay's DDPG); both presets have it. Without it the actor saturates and stops
+    learning."""
     twin_critics: bool = False
     """Two critics, the smaller value in the target: TD3's clipped double Q."""
     target_noise: float = 0.0
