@@ -56,6 +56,8 @@ class ReviewArgs:
     """Write a page with summary, events and plots into this folder; it needs no network."""
     compare: bool = False
     """Lay two flights over each other, and their figures side by side."""
+    map: str | None = None
+    """Lay a telemetry log over this map (file or bundled name)."""
 
 
 @dataclass(frozen=True)
@@ -237,7 +239,9 @@ def _review(argv: list[str]) -> int:
         raise UsageError(f"{len(args.flights)} flights were given: name one, or two with --compare")
     from companion.review.command import review_command
 
-    return review_command(args.flights, text=args.text, png=args.png, at_s=args.at, html=args.html)
+    return review_command(
+        args.flights, text=args.text, png=args.png, at_s=args.at, html=args.html, map_name=args.map
+    )
 
 
 def _replay(argv: list[str]) -> int:

@@ -16,6 +16,7 @@ def review_command(
     png: Path | None,
     at_s: float | None,
     html: Path | None,
+    map_name: str | None,
 ) -> int:
     """Review one flight, or two beside each other, and return the exit code.
 
@@ -23,8 +24,8 @@ def review_command(
         CompanionError: If a flight cannot be read, or a picture or page not be written.
     """
     if len(paths) == 2:
-        return _compare(paths, text=text, png=png, at_s=at_s, html=html)
-    flight = open_flight(paths[0])
+        return _compare(paths, text=text, png=png, at_s=at_s, html=html, map_name=map_name)
+    flight = open_flight(paths[0], map_name)
     print(report(flight))
     print()
     if png is not None:
@@ -40,9 +41,15 @@ def review_command(
 
 
 def _compare(
-    paths: Sequence[Path], *, text: bool, png: Path | None, at_s: float | None, html: Path | None
+    paths: Sequence[Path],
+    *,
+    text: bool,
+    png: Path | None,
+    at_s: float | None,
+    html: Path | None,
+    map_name: str | None,
 ) -> int:
-    both = compare.pair(*(open_flight(path) for path in paths))
+    both = compare.pair(*(open_flight(path, map_name) for path in paths))
     print(compare.words(both))
     print()
     from companion.review import pair_show

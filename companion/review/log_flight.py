@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from companion.arrays import FloatArray
+from companion.errors import MapError
 from companion.review.log_story import LogStory
 from companion.session.colors import Color
 from companion.session.flight import NOWHERE, City, CurveData, Flight, Track
@@ -19,48 +20,58 @@ from companion.session.records import (
     SessionStart,
     Tick,
     VehicleRecord,
+    map_record,
 )
 from companion.vehicle import Severity
-from companion.world.frames import enu_to_geodetic
+from companion.world.frames import enu_to_geodetic, geodetic_to_enu
+from companion.world.maps import Map
 
 _LEAST_SIDE_M = 40.0
 _RIM = 0.15
 _MOST_FINDINGS = 6
 
 
-def log_start(story: LogStory) -> tuple[SessionStart, list[Tick]]:
-    """Return what the scene is made of: a box of air around the path, and the ticks in it."""
-    placed = [tick.position_enu_m for tick in story.ticks if tick.position_enu_m is not None]
-    places = np.array(placed or [[0.0, 0.0, 0.0]])
-    low, high = places.min(axis=0), places.max(axis=0)
-    side_m = max(_LEAST_SIDE_M, (1.0 + 2.0 * _RIM) * float((high - low)[:2].max()))
-    corner = np.array([*(0.5 * (low + high)[:2] - 0.5 * side_m), 0.0])
-    top_m = max(0.3 * side_m, 1.1 * float(high[2]))
-    speeds = [tick.velocity_enu_mps for tick in story.ticks if tick.velocity_enu_mps is not None]
+def log_start(story: LogStory, city: Map | None) -> tuple[SessionStart, list[Tick]]:
+    """Return what the scene is made of, and the ticks in it.
+
+    Args:
+        story: The log.
+        city: The map it is laid over; a box of air round the path, if not given.
+
+    Raises:
+        MapError: If the log cannot be placed on the map.
+    """
+    if city is None:
+        record, corner = _box(story)
+    else:
+        record, corner = map_record(city), -_offset(story, city)
+    ticks = [_moved(tick, corner) for tick in story.ticks]
+    if city is not None and len(city.obstacles):
+        ticks = _with_clearance(ticks, city)
+    speeds = [tick.velocity_enu_mps for tick in ticks if tick.velocity_enu_mps is not None]
     fastest = float(np.linalg.norm(np.array(speeds), axis=-1).max()) if speeds else 1.0
-    place = None
-    if story.origin is not None:
-        corner_point = enu_to_geodetic(story.origin, corner)
-        place = [corner_point.latitude_deg, corner_point.longitude_deg, corner_point.altitude_m]
     start = SessionStart(
         session_id=f"{story.path.stem}-{story.start_utc_us}",
         start_utc_us=story.start_utc_us,
-        map=MapRecord(story.path.name, [side_m, side_m, top_m], origin=place),
+        map=record,
         actor=ActorRecord(""),
         vehicle=VehicleRecord(story.senders.vehicle, story.senders.firmware, story.version),
         config={},
         v_max_mps=max(1.0, fastest),
         margin_m=0.0,
-        arrival_radius_m=0.02 * side_m,
+        arrival_radius_m=0.02 * max(record.size_m[:2]),
     )
-    return start, [_moved(tick, corner) for tick in story.ticks]
+    return start, ticks
 
 
-def log_flight(story: LogStory) -> Flight:
-    """Return the log as it is reviewed."""
-    start, ticks = log_start(story)
+def log_flight(story: LogStory, city: Map | None = None) -> Flight:
+    """Return the log as it is reviewed.
+
+    Raises:
+        MapError: If the log cannot be placed on the map.
+    """
+    start, ticks = log_start(story, city)
     paint = painter(start)
-    east_m, north_m, up_m = start.map.size_m
     placed = [tick for tick in ticks if tick.position_enu_m is not None]
     others = [tick for tick in ticks if tick.target_enu_m is not None]
     curves = {}
@@ -69,6 +80,9 @@ def log_flight(story: LogStory) -> Flight:
         names, shades = zip(*((line.name, line.color) for line in curve.lines), strict=True)
         if len(time_s):
             curves[curve.path] = CurveData(curve.path, curve.title, names, shades, time_s, values)
+    east_m, north_m, up_m = start.map.size_m
+    footprints_m = tuple(np.array(ring) for ring in start.map.footprints_m)
+    settings = [("Vehicle", story.vehicle_name), ("Began", _date(story.start_utc_us))]
     return Flight(
         path=story.path,
         title=story.path.name,
@@ -76,26 +90,23 @@ def log_flight(story: LogStory) -> Flight:
         start_utc_us=story.start_utc_us,
         duration_s=story.duration_s,
         facts=list(story.story.facts),
-        settings=[("Vehicle", story.vehicle_name), ("Began", _date(story.start_utc_us))],
+        settings=settings if city is None else [*settings, ("Map", city.name)],
         events=story.events,
         bands=story.story.bands,
         curves=curves,
         vehicle=_track([(tick, tick.position_enu_m) for tick in placed], paint),
         target=_track([(tick, tick.target_enu_m) for tick in others], None),
-        city=City(start.map.name, (east_m, north_m, up_m)),
+        city=City(
+            start.map.name, (east_m, north_m, up_m), footprints_m, tuple(start.map.heights_m)
+        ),
+        write_recording=lambda recording: _write(story, start, ticks, recording),
     )
 
 
-def write_log(story: LogStory, recording: Path) -> None:
-    """Write the log as a recording.
-
-    Raises:
-        UsageError: If Rerun is not installed.
-        OSError: If the file cannot be written.
-    """
+def _write(story: LogStory, start: SessionStart, ticks: Sequence[Tick], recording: Path) -> None:
+    """Write the log as a recording."""
     from companion.session.log_recording import write_log_recording
 
-    start, ticks = log_start(story)
     write_log_recording(
         recording,
         start,
@@ -104,6 +115,55 @@ def write_log(story: LogStory, recording: Path) -> None:
         bands=story.story.bands,
         page=_page(story),
     )
+
+
+def _box(story: LogStory) -> tuple[MapRecord, FloatArray]:
+    """Return a box of air that holds the path, and where its corner lies in the local frame."""
+    placed = [tick.position_enu_m for tick in story.ticks if tick.position_enu_m is not None]
+    places = np.array(placed or [[0.0, 0.0, 0.0]])
+    low, high = places.min(axis=0), places.max(axis=0)
+    side_m = max(_LEAST_SIDE_M, (1.0 + 2.0 * _RIM) * float((high - low)[:2].max()))
+    corner = np.array([*(0.5 * (low + high)[:2] - 0.5 * side_m), 0.0])
+    top_m = max(0.3 * side_m, 1.1 * float(high[2]))
+    place = None
+    if story.origin is not None:
+        point = enu_to_geodetic(story.origin, corner)
+        place = [point.latitude_deg, point.longitude_deg, point.altitude_m]
+    return MapRecord(story.path.name, [side_m, side_m, top_m], origin=place), corner
+
+
+def _offset(story: LogStory, city: Map) -> FloatArray:
+    """Return where the local frame is zero on the map; heights count from the take-off."""
+    if city.origin is not None:
+        if story.origin is None:
+            raise MapError(
+                f"the log does not tell where on earth it was, and {city.name} lies there"
+            )
+        east_m, north_m, _ = geodetic_to_enu(city.origin, story.origin)
+        offset_m = np.array((east_m, north_m, 0.0))
+    elif city.launch_enu_m is not None:
+        offset_m = city.launch_enu_m
+    else:
+        raise MapError(f"{city.name} has neither an origin on earth nor a launch point")
+    starts = [tick.position_enu_m for tick in story.ticks if tick.position_enu_m is not None]
+    places_m = np.array(starts).reshape(-1, 3) + offset_m
+    places_m[:, 2] = places_m[:, 2].clip(0.0, city.size_m[2])
+    if len(starts) and not city.contains(places_m).any():
+        raise MapError(f"the flight lies outside of {city.name} altogether")
+    return offset_m
+
+
+def _with_clearance(ticks: Sequence[Tick], city: Map) -> list[Tick]:
+    places = [tick.position_enu_m for tick in ticks if tick.position_enu_m is not None]
+    if not places:
+        return list(ticks)
+    clearances_m = iter(city.obstacles.signed_distance_m(np.array(places)).tolist())
+    return [
+        tick
+        if tick.position_enu_m is None
+        else msgspec.structs.replace(tick, clearance_m=next(clearances_m))
+        for tick in ticks
+    ]
 
 
 def headline(story: LogStory) -> str:

@@ -7,14 +7,15 @@ from typing import Any
 
 import msgspec
 
-from companion.errors import CompanionError, UsageError
-from companion.review.log_flight import log_flight, write_log
+from companion.errors import CompanionError, MapError, UsageError
+from companion.review.log_flight import log_flight
 from companion.review.log_story import read_story
 from companion.session import viewer
 from companion.session.flight import Flight
 from companion.session.folder import CONFIG, RECORDING, SUMMARY, TLOG
 from companion.session.report import facts, result_line
 from companion.session.summary import Summary
+from companion.world.maps import load_map
 
 MENDED = "mended"
 """Part of the name of a copy that ``review`` makes of a recording that was cut off."""
@@ -29,17 +30,19 @@ _OF_THE_LOG = (
 """What the frames tell that no summary does."""
 
 
-def open_flight(path: Path) -> Flight:
+def open_flight(path: Path, map_name: str | None = None) -> Flight:
     """Read what there is about a flight.
 
     Args:
         path: A session folder, a recording (``.rrd``), or any telemetry log.
+        map_name: Map over which a log is laid; a session without recording knows its own.
 
     Raises:
         UsageError: If it is none of these, or cannot be read.
+        MapError: If the map cannot be used, or the log cannot be placed on it.
     """
     if path.is_dir():
-        return _open_session(path)
+        return _open_session(path, map_name)
     if not path.exists():
         raise UsageError(f"there is no {path}")
     if path.suffix == ".rrd":
@@ -47,23 +50,24 @@ def open_flight(path: Path) -> Flight:
         flight = _read_recording(recording)
         flight.path = path
         return _with_summary(flight, flight.summary)
-    return log_flight(read_story(path))
+    return log_flight(read_story(path), None if map_name is None else load_map(map_name))
 
 
 def make_recording(flight: Flight, folder: Path) -> Path:
     """Return a recording that the viewer opens; of a log one is written into ``folder``.
 
     Raises:
-        UsageError: If Rerun is not installed.
+        UsageError: If there is nothing to record, or Rerun is not installed.
         CompanionError: If it cannot be written.
     """
     if flight.recording is not None:
         return flight.recording
-    log = flight.path / TLOG if flight.path.is_dir() else flight.path
+    if flight.write_recording is None:
+        raise UsageError(f"{flight.path} holds neither {RECORDING} nor {TLOG}: nothing to show")
     viewer.viewer_binary()
-    recording = folder / f"{log.stem}.rrd"
+    recording = folder / f"{flight.path.stem}.rrd"
     try:
-        write_log(read_story(log), recording)
+        flight.write_recording(recording)
     except (OSError, RuntimeError) as error:
         raise CompanionError(f"cannot write {recording}: {error}") from error
     return recording
@@ -143,7 +147,7 @@ def whole_recording(recording: Path) -> Path:
     return mended
 
 
-def _open_session(session: Path) -> Flight:
+def _open_session(session: Path, map_name: str | None) -> Flight:
     check_session(session)
     summary = read_summary(session)
     log, recording = session / TLOG, session / RECORDING
@@ -158,7 +162,7 @@ def _open_session(session: Path) -> Flight:
                 raise
             problem = str(error)
     if flight.recording is None and has_log:
-        flight = log_flight(read_story(log))
+        flight = _log_of_session(session, map_name)
     flight.path, flight.title = session, session.resolve().name
     flight.settings = [
         *(row for row in flight.facts if row[0] == "Vehicle"),
@@ -173,6 +177,18 @@ def _open_session(session: Path) -> Flight:
     if summary is None:
         flight.result = f"unknown: there is no {SUMMARY}, so the run was cut off"
     return flight
+
+
+def _log_of_session(session: Path, map_name: str | None) -> Flight:
+    """Read the frames of a session, on the map that was flown if it is still there."""
+    story = read_story(session / TLOG)
+    name = map_name or dict(read_settings(session)).get("map")
+    try:
+        return log_flight(story, None if name is None else load_map(name))
+    except MapError:
+        if map_name is not None:
+            raise
+        return log_flight(story)
 
 
 def _read_recording(recording: Path) -> Flight:

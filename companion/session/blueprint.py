@@ -40,8 +40,11 @@ def blueprint(start: SessionStart, *, live: bool) -> rrb.Blueprint:
 
 def log_blueprint(start: SessionStart) -> rrb.Blueprint:
     """Return the layout of a telemetry log: there is no policy, no shield and no map in it."""
+    flight = [log_curves.ALTITUDE, log_curves.SPEED, log_curves.TILT]
+    if start.map.footprints_m:
+        flight.insert(1, log_curves.CLEARANCE)
     plots = [
-        page("Flight", (log_curves.ALTITUDE, log_curves.SPEED, log_curves.TILT), start, ALWAYS),
+        page("Flight", flight, start, ALWAYS),
         page("Velocity", log_curves.VELOCITY, start, ALWAYS),
         rrb.Vertical(
             *(plot(curve, start, ALWAYS) for curve in log_curves.HEALTH),

@@ -1,5 +1,6 @@
 """A flight as it is reviewed, wherever it was read from: a recording, or a telemetry log."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -86,3 +87,5 @@ class Flight:
     city: City | None = None
     recording: Path | None = None
     """What the viewer opens."""
+    write_recording: Callable[[Path], None] | None = None
+    """Writes it, where there is none yet."""

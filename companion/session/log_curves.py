@@ -47,6 +47,13 @@ ALTITUDE = Curve(
     lambda tick, _: (_part(tick.position_enu_m, 2),),
     legend_left=True,
 )
+CLEARANCE = Curve(
+    "plots/clearance",
+    "Clearance of obstacles [m]",
+    (Line("clearance", colors.MEASURED),),
+    lambda tick, _: (tick.clearance_m,),
+)
+"""Of logs that are laid over a map."""
 SPEED = Curve(
     "plots/speed",
     "Speed [m/s]",
@@ -74,4 +81,4 @@ AGES = Curve(
     lambda tick, _: (tick.link_age_s, tick.position_age_s),
 )
 HEALTH = (AGES, BATTERY)
-LOG_CURVES = (ALTITUDE, SPEED, TILT, *VELOCITY, YAW, *HEALTH)
+LOG_CURVES = (ALTITUDE, CLEARANCE, SPEED, TILT, *VELOCITY, YAW, *HEALTH)

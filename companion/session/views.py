@@ -137,7 +137,7 @@ def _scene(
 
 
 def page(
-    name: str, shown: tuple[Curve, ...], start: SessionStart, window: rrb.TimeRange
+    name: str, shown: Sequence[Curve], start: SessionStart, window: rrb.TimeRange
 ) -> rrb.Vertical:
     """Return plots above each other, as one tab."""
     return rrb.Vertical(*(plot(curve, start, window) for curve in shown), name=name)

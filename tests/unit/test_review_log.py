@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from companion.errors import UsageError
+from companion.errors import MapError, UsageError
 from companion.review.findings import findings
 from companion.review.log_file import open_log
 from companion.review.log_flight import log_flight
@@ -17,6 +17,8 @@ from companion.review.log_story import read_story
 from companion.review.sources import open_flight
 from companion.review.words import report
 from companion.vehicle import Severity
+from companion.world.frames import GeoPoint, enu_to_geodetic
+from companion.world.maps import build_map
 
 DATA = Path(__file__).parents[1] / "data"
 START_US = 1_795_356_187_000_000
@@ -388,3 +390,38 @@ def test_a_session_without_a_recording_is_read_from_its_log(tmp_path):
     text = report(open_flight(tmp_path))
     assert "the run was cut off" in " ".join(text.split())
     assert "OFFBOARD" in text
+
+
+def placed(latitude, longitude):
+    """A flight of ten seconds north, its local origin somewhere on earth."""
+    log = Log()
+    log.add(0.0, dialect.MAVLink_gps_global_origin_message(latitude, longitude, 489_400))
+    fly(log, end_s=10.0)
+    return log
+
+
+def test_a_log_is_laid_over_a_map_where_it_was_flown(tmp_path):
+    here = GeoPoint(47.39774, 8.54559, 489.4)
+    corner = enu_to_geodetic(here, np.array((-30.0, -10.0, 0.0)))
+    house = [[36.0, 20.0], [46.0, 20.0], [46.0, 30.0], [36.0, 30.0]]
+    city = build_map("yard", (80.0, 80.0, 50.0), [house], [25.0], origin=corner)
+    story = placed(round(here.latitude_deg * 1e7), round(here.longitude_deg * 1e7)).story(tmp_path)
+    flight = log_flight(story, city)
+    np.testing.assert_allclose(flight.vehicle.position_enu_m[0], [30.0, 10.0, 0.0], atol=0.3)
+    _, clearance_m = flight.curves["plots/clearance"].line("clearance")
+    assert clearance_m.min() == pytest.approx(6.0, abs=0.1)
+    elsewhere = build_map("far", (80.0, 80.0, 50.0), [], [], origin=GeoPoint(10.0, 10.0, 0.0))
+    with pytest.raises(MapError, match="outside of far"):
+        log_flight(story, elsewhere)
+
+
+def test_a_map_without_a_place_takes_the_log_at_its_launch_point(tmp_path):
+    log = Log()
+    fly(log, end_s=10.0)
+    story = log.story(tmp_path)
+    city = build_map("box", (80.0, 80.0, 50.0), [], [], launch_enu_m=(40.0, 5.0, 0.0))
+    flight = log_flight(story, city)
+    np.testing.assert_allclose(flight.vehicle.position_enu_m[0], [40.0, 5.0, 0.0], atol=0.3)
+    on_earth = build_map("far", (80.0, 80.0, 50.0), [], [], origin=GeoPoint(10.0, 10.0, 0.0))
+    with pytest.raises(MapError, match="does not tell where on earth"):
+        log_flight(story, on_earth)
