@@ -1,7 +1,7 @@
 """Where an imported map lies: a box on earth, and its tangent plane."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -27,6 +27,12 @@ class MapBox:
     """The south-west corner."""
     east_m: float
     north_m: float
+    bounds_deg: tuple[FloatArray, FloatArray] = field(init=False, repr=False, compare=False)
+    """The least and the largest longitude and latitude, ``(2,)`` each."""
+
+    def __post_init__(self) -> None:
+        bounds_deg = _bounds_deg(self.origin, self.east_m, self.north_m)
+        object.__setattr__(self, "bounds_deg", bounds_deg)
 
     @classmethod
     def between(
@@ -85,16 +91,15 @@ class MapBox:
             raise MapError(_ANTIMERIDIAN)
         return box
 
-    @property
-    def bounds_deg(self) -> tuple[FloatArray, FloatArray]:
-        """Return the least and the largest longitude and latitude, ``(2,)`` each."""
-        corners = [
-            enu_to_geodetic(self.origin, np.array([east_m, north_m, 0.0]))
-            for east_m in (0.0, self.east_m)
-            for north_m in (0.0, self.north_m)
-        ]
-        places_deg = np.array([(point.longitude_deg, point.latitude_deg) for point in corners])
-        return places_deg.min(axis=0), places_deg.max(axis=0)
+
+def _bounds_deg(origin: GeoPoint, east_m: float, north_m: float) -> tuple[FloatArray, FloatArray]:
+    corners = [
+        enu_to_geodetic(origin, np.array([east, north, 0.0]))
+        for east in (0.0, east_m)
+        for north in (0.0, north_m)
+    ]
+    places_deg = np.array([(point.longitude_deg, point.latitude_deg) for point in corners])
+    return places_deg.min(axis=0), places_deg.max(axis=0)
 
 
 _ANTIMERIDIAN = "the box crosses the antimeridian (180 degrees east): choose one to a side of it"
