@@ -8,8 +8,10 @@ edge bounds that: by 8 % at a right angle, by 30 % at the sharpest. Two across e
 roof do the same.
 """
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,6 +19,11 @@ from companion.arrays import BoolArray, FloatArray, IntArray
 from companion.world.decomposition import convex_pieces
 from companion.world.maps import Map
 
+_SQUARE_M = 5.0
+_NUM_SQUARES = 1024
+_SQUARES_A_BLOCK = 20
+_NUM_BLOCKS = 4
+"""How many squares, and how many blocks of ``_SQUARES_A_BLOCK`` by as many, are remembered."""
 _EAVES_RAD = np.radians([20.0, 55.0])
 """How far the planes between wall and roof look up. The first lets a vehicle go over that is a
 third of a metre above the roof, beside it."""
@@ -94,6 +101,37 @@ class Hazards:
     def take(self, rows: BoolArray) -> "Hazards":
         """Return some of the hazards."""
         return Hazards(self.normal[rows], self.offset_m[rows], self.keep_m[rows], self.kind[rows])
+
+
+class HazardSquares:
+    """What is near a place, looked up once for every square of the map: its streets first.
+
+    Args:
+        hazards: Of the whole map.
+        reach_m: How near is near, beyond what is to be kept.
+    """
+
+    def __init__(self, hazards: Hazards, reach_m: float) -> None:
+        self._hazards = hazards
+        self._reach_m = reach_m
+        self._in_square = lru_cache(maxsize=_NUM_SQUARES)(self._of_square)
+        self._in_block = lru_cache(maxsize=_NUM_BLOCKS)(self._of_block)
+
+    def around(self, position_enu_m: FloatArray) -> Hazards:
+        """Return at least the hazards within reach of a point, ``(3,)``."""
+        east_m, north_m = position_enu_m[:2].tolist()
+        return self._in_square(math.floor(east_m / _SQUARE_M), math.floor(north_m / _SQUARE_M))
+
+    def _of_square(self, east: int, north: int) -> Hazards:
+        block = self._in_block(east // _SQUARES_A_BLOCK, north // _SQUARES_A_BLOCK)
+        return self._of(block, east, north, _SQUARE_M)
+
+    def _of_block(self, east: int, north: int) -> Hazards:
+        return self._of(self._hazards, east, north, _SQUARE_M * _SQUARES_A_BLOCK)
+
+    def _of(self, hazards: Hazards, east: int, north: int, side_m: float) -> Hazards:
+        middle_m = side_m * np.array([east + 0.5, north + 0.5])
+        return hazards.around(middle_m, self._reach_m + math.sqrt(0.5) * side_m)
 
 
 def crossing(outside_m: FloatArray, change_m: FloatArray) -> tuple[FloatArray, BoolArray]:

@@ -211,6 +211,34 @@ def test_a_corner_is_flown_round():
     assert CITY.obstacles.signed_distance_m(position) > 1.99
 
 
+@pytest.mark.parametrize("wish", [[4.0, 0.0, 0.0], [4.0, 0.0, -0.8], [3.0, 2.0, -0.5]])
+def test_a_roof_is_flown_over_by_who_has_come_up_to_it(wish):
+    """Half a metre above the roof, beside the wall: a policy sees a free way there."""
+    velocity, position = np.zeros(3), np.array([37.9, 50.0, 30.5])
+    for _ in range(120):
+        decision = check(np.array(wish), position, velocity)
+        velocity, moved = follow_velocity(
+            velocity, decision.velocity_enu_mps, VelocityLag(0.6, 1.6), dt_s=0.05
+        )
+        position = position + moved
+        assert CITY.obstacles.signed_distance_m(position) > 1.99
+    assert position[0] > 45.0
+
+
+def test_who_cannot_stop_before_a_thin_wall_does_not_go_through_it():
+    """However little of it is inside the wall, the way through is the worst of all."""
+    wall = np.array([[50.0, 10.0], [50.2, 10.0], [50.2, 90.0], [50.0, 90.0]])
+    shield = Shield(build_map("thin", (100, 100, 60), [wall], [55.0]), LIMITS)
+    for ahead_m in np.linspace(0.3, 8.0, 30):
+        position = np.array([50.0 - ahead_m, 50.0, 20.0])
+        for side_mps in (0.0, 1.0, -3.0):
+            now = np.array([5.0, side_mps, 0.0])
+            for proposal in (now, np.array([5.0, 0.0, 3.0]), np.zeros(3)):
+                decision = check(proposal, position, now, shield)
+                assert decision.reason is ShieldReason.EMERGENCY
+                assert decision.velocity_enu_mps[0] <= -1.0
+
+
 def test_a_street_narrower_than_two_margins_is_flown_along_but_not_entered():
     blocks = [
         np.array([[10.0, 10.0], [48.5, 10.0], [48.5, 90.0], [10.0, 90.0]]),

@@ -48,7 +48,6 @@ class Setting:
 
 @dataclass
 class Flight:
-    path_enu_m: FloatArray
     reasons: list[ShieldReason]
     arrived: bool
     contacts: int
@@ -88,8 +87,7 @@ def fly(
             policy(told[0], rng), position_enu_m=told[0], velocity_now_enu_mps=told[1]
         )
         sent = decision.velocity_enu_mps
-        assert np.isfinite(sent).all()
-        assert np.sqrt(sent @ sent) <= setting.limits.v_max_mps + 1e-9
+        assert np.sqrt(sent @ sent) <= setting.limits.v_max_mps + 1e-9  # a nan is not, either
         reasons.append(decision.reason)
         if age_s > POSITION_STALE_SOFT_S:
             sent = np.zeros(3)  # as the supervisor has it
@@ -109,14 +107,12 @@ def fly(
             if arrived or stuck:
                 break
     flown = np.array(path)
+    clearance_m = city.obstacles.signed_distance_m(flown)
     return Flight(
-        path_enu_m=flown,
         reasons=reasons,
         arrived=arrived,
         contacts=int((city.obstacles.crash_depth_m(flown[:-1], flown[1:]) > 0.0).sum()),
-        least_clearance_m=float(
-            min(city.obstacles.signed_distance_m(flown).min(), flown[:, 2].min())
-        ),
+        least_clearance_m=float(np.minimum(clearance_m, flown[:, 2]).min()),
         outside_m=float(max((-flown).max(), (flown - city.size_m).max())),
     )
 
@@ -125,8 +121,6 @@ def wind_at_random(setting: Setting, rng: np.random.Generator) -> FloatArray:
     air = rng.normal(size=3) * [1.0, 1.0, 0.4]
     return setting.air_mps * rng.choice([0.0, 0.5, 1.0]) * air / np.linalg.norm(air)
 
-
-# -- cities -------------------------------------------------------------------------------------
 
 U_BLOCK = np.array([[0, 0], [30, 0], [30, 25], [22, 25], [22, 8], [8, 8], [8, 25], [0, 25]], float)
 L_BLOCK = np.array([[0, 0], [25, 0], [25, 9], [9, 9], [9, 30], [0, 30]], float)
@@ -173,11 +167,11 @@ def thin_city(rng: np.random.Generator) -> Map:
     return build_map("thin", (100, 100, 60), outlines, list(rng.uniform(10, 55, 6)))
 
 
-def convex_city(rng: np.random.Generator, num_blocks: int | None = None) -> Map:
+def convex_city(rng: np.random.Generator) -> Map:
     """Round-ish convex blocks, at least 7 m between them."""
     outlines: list[FloatArray] = []
     places: list[tuple[FloatArray, float]] = []
-    while len(outlines) < (num_blocks or 6):
+    while len(outlines) < 6:
         center, radius = rng.uniform(15, 85, 2), rng.uniform(4, 9)
         angle = np.sort(rng.uniform(0, 2 * np.pi, rng.integers(4, 8)))
         widest = np.diff(np.append(angle, angle[0] + 2 * np.pi)).max()
@@ -196,9 +190,6 @@ def free_place(city: Map, rng: np.random.Generator, margin_m: float) -> FloatArr
         place = rng.uniform(0, 1, 3) * (city.size_m - 2 * margin_m) + margin_m
         if city.is_free(place, margin_m):
             return place
-
-
-# -- policies -----------------------------------------------------------------------------------
 
 
 def random_policy(city: Map, rng: np.random.Generator) -> Policy:
@@ -305,19 +296,13 @@ def corner_policy(city: Map, rng: np.random.Generator) -> Policy:
     return policy
 
 
+# fmt: off
 POLICIES = [
-    random_policy,
-    constant_policy,
-    wall_policy,
-    flip_flop_policy,
-    broken_policy,
-    buried_target_policy,
-    moving_target_policy,
-    over_policy,
-    border_policy,
-    pumping_policy,
+    random_policy, constant_policy, wall_policy, flip_flop_policy, broken_policy,
+    buried_target_policy, moving_target_policy, over_policy, border_policy, pumping_policy,
     corner_policy,
 ]
+# fmt: on
 
 
 def adversarial_flight(seed: int, *, disturbed: bool, duration_s: float) -> Flight:
