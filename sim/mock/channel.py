@@ -49,8 +49,7 @@ class Channel(ABC):
         self._interval_s: dict[int, float] = {}
         self._due_s: dict[int, float] = {}
         self._origin_sent = self._home_sent = -1
-        self.listened_to: Collection[int] | None = None
-        """The streams that anybody reads; ``None`` for all of them."""
+        self._listened_to: Collection[int] | None = None
         self._text_id = 1
         self.ack_delay_s = 0.0
         """A fault: answers to commands come so much later."""
@@ -137,8 +136,7 @@ class Channel(ABC):
             # Absolute deadlines; what was missed is skipped, never sent in a burst.
             missed = math.floor((now_s - due_s + 1e-9) / interval_s)
             self._due_s[id_] = due_s + (missed + 1) * interval_s
-            if self.listened_to is None or id_ in self.listened_to:
-                self._send_stream(id_, autopilot)
+            self._send_stream(id_, autopilot)
         self._send_others(autopilot)
 
     def restart(self, boot_s: float) -> None:
@@ -149,6 +147,12 @@ class Channel(ABC):
         for id_, rate_hz in self._default_hz.items():
             self._set_rate(id_, rate_hz, 0.0)
         self._origin_sent = self._home_sent = -1
+
+    def listen_to(self, message_ids: Collection[int]) -> None:
+        """Send these streams alone: nobody reads the others."""
+        self._listened_to = message_ids
+        for id_ in [id_ for id_ in self._due_s if id_ not in message_ids]:
+            self._set_rate(id_, 0.0, 0.0)
 
     @abstractmethod
     def hear_gcs(self, now_s: float) -> None:
@@ -178,7 +182,7 @@ class Channel(ABC):
     def _set_rate(self, message_id: int, rate_hz: float, now_s: float) -> None:
         self._interval_s.pop(message_id, None)
         self._due_s.pop(message_id, None)
-        if rate_hz > 0.0:
+        if rate_hz > 0.0 and (self._listened_to is None or message_id in self._listened_to):
             self._interval_s[message_id] = 1.0 / rate_hz
             self._due_s[message_id] = now_s
 

@@ -161,7 +161,7 @@ class Conduct:
             self._complain(who, "ignores_mode")
 
     def _look_for_staleness(self, now_s: float, who: str, sender: _Sender, message: Any) -> None:
-        content = tuple(getattr(message, name) for name in message.get_fieldnames()[1:])
+        content = message.type_mask, message.vx, message.vy, message.vz
         if content != sender.content or not _moves(message):
             sender.content, sender.content_since_s = content, now_s
         elif now_s - sender.content_since_s > STALE_S:

@@ -105,7 +105,7 @@ class MockVehicle:
         """Build these streams alone, because nobody reads the others; answers are sent as ever."""
         listened_to = frozenset({*message_ids, mavlink.MAVLINK_MSG_ID_HEARTBEAT})
         for channel in self._channels:
-            channel.listened_to = listened_to
+            channel.listen_to(listened_to)
 
     def receive(self, link: int, data: bytes) -> None:
         """Take in bytes that arrived on a link."""
@@ -164,10 +164,12 @@ class MockVehicle:
         self.autopilot = self._power_up(self.autopilot.body)
 
     def _tick(self) -> None:
-        self._keyring.advance(TICK_S)
+        if self._keyring.secret is not None:
+            self._keyring.advance(TICK_S)
         self._schedule.tick(self.time_s, self)
-        for link in range(len(self._inbound)):
-            self._deliver(link, [])
+        for link, wire in enumerate(self._inbound):
+            if not wire.is_empty:
+                self._deliver(link, [])
         if self.intruder is not None:
             self._broadcast(self.intruder.tick(self.time_s), heard_by_us=True)
         self.autopilot.step(self.time_s - self._power_up_s)
@@ -181,7 +183,8 @@ class MockVehicle:
             self._broadcast(target.tick(self.time_s), heard_by_us=False)
         texts = self.autopilot.take_texts()
         for channel in self._channels:
-            channel.tell(self.autopilot.now_s, texts)
+            if texts:
+                channel.tell(self.autopilot.now_s, texts)
             channel.tick(self.autopilot)
 
     def _power_up(self, body: PointMass) -> Autopilot:

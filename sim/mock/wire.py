@@ -28,10 +28,15 @@ class Impairment:
     @property
     def clean(self) -> bool:
         """Whether packets pass untouched."""
-        return self == _CLEAN
-
-
-_CLEAN = Impairment()
+        return not (
+            self.cut
+            or self.loss
+            or self.duplicate
+            or self.corrupt
+            or self.delay_s
+            or self.jitter_s
+            or self.acks_to_lose
+        )
 
 
 @dataclass(slots=True)
@@ -42,6 +47,11 @@ class Wire:
     rng: np.random.Generator
     _under_way: list[tuple[float, int, Packet]] = field(default_factory=list)
     _count: int = 0
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is under way."""
+        return not self._under_way
 
     def carry(self, now_s: float, packets: list[Packet]) -> list[Packet]:
         """Hand over packets and return what arrives now, of these and of earlier ones."""

@@ -87,3 +87,12 @@ def test_what_is_no_recording_of_an_autopilot_is_refused(tmp_path):
     result = subprocess.run(command, capture_output=True, text=True, timeout=30)
     assert result.returncode == 2
     assert result.stderr == "conformance: empty: no PX4 or ArduPilot sends HEARTBEAT in it\n"
+
+
+def test_the_fit_can_be_drawn(tmp_path):
+    pytest.importorskip("matplotlib", reason="pictures need the training extra")
+    data = Path(__file__).parents[1] / "data" / f"{SHORT[1]}.tlog.xz"
+    picture = tmp_path / "fit.png"
+    command = [sys.executable, "-m", "sim.mock.fit", str(data), str(picture)]
+    subprocess.run(command, check=True, timeout=100)
+    assert picture.read_bytes().startswith(b"\x89PNG")

@@ -259,3 +259,40 @@ def test_takeover_in_flight_is_logged_and_reported(start, connect, tmp_path):
     verdict = json.loads(report.read_text())
     assert verdict["setpoints_outside_offboard"] >= 3
     assert "POSCTL armed" in [words for _, words in verdict["timeline"]]
+
+
+def test_a_bad_companion_fails_the_mock_visibly(start, connect, tmp_path):
+    port = free_port()
+    report = tmp_path / "report.json"
+    process = start(
+        *("--connect", f"udpout:127.0.0.1:{port}", "--speed", "4", "--report", str(report))
+    )
+    link = connect(f"udpin:127.0.0.1:{port}")
+    hear(link, "HEARTBEAT")
+    link.mav.heartbeat_send(6, 8, 0, 0, 4)
+    for _ in range(3):
+        link.mav.set_position_target_local_ned_send(
+            0, 1, 1, 1, 0xDC7, 0, 0, 0, float("nan"), 0, 0, 0, 0, 0, 0, 0
+        )
+    assert command(link, 176, 1, 4, 3) == 0
+    process.terminate()
+    _, err = process.communicate(timeout=10)
+    assert process.returncode == 1
+    assert "complaint: 1/191 sends setpoints with NaN" in err
+    assert (
+        "mock: FAILED: 1/191 sends setpoints with NaN, infinite or absurd values (3 times)" in err
+    )
+    verdict = json.loads(report.read_text())
+    assert verdict["passed"] is False
+    assert verdict["complaints_by_sender"]["1/191"] == {"bad_numbers": 3, "heartbeat_as_gcs": 1}
+
+
+def test_two_vehicles_call_one_port(start, connect):
+    port = free_port()
+    for sysid in ("1", "2"):
+        start("--sysid", sysid, "--connect", f"udpout:127.0.0.1:{port}", "--speed", "4")
+    link = connect(f"udpin:127.0.0.1:{port}")
+    for sysid in (1, 2):
+        hear(link, "HEARTBEAT", condition=lambda m, sysid=sysid: m.get_srcSystem() == sysid)
+    link.mav.command_long_send(2, 1, 400, 0, 1.0, 0, 0, 0, 0, 0, 0)
+    assert hear(link, "COMMAND_ACK").get_srcSystem() == 2
