@@ -24,6 +24,7 @@ LAST_MINUTE = rrb.TimeRange(
 _EQUATOR_M = 40_075_017.0
 _MAP_SHARE = 1.5  # tiles, of 256 pixels, from border to border
 _CLOSEST_ZOOM = 19.0  # of OpenStreetMap
+_HEADROOM = 1.12  # for the pole of the target
 _UP = (0.0, 0.0, 1.0)
 _AZIMUTH_RAD = 0.85  # of the city camera, from east toward north
 _DIVE_RAD = 0.6  # below the horizon
@@ -38,7 +39,7 @@ def city_view(city: MapRecord, name: str = "City") -> rrb.Spatial3DView:
     if not city.footprints_m:
         shown_m += [[*corner[:2], up_m] for corner in shown_m]
     for ring, height_m in zip(city.footprints_m, city.heights_m, strict=True):
-        shown_m += [[east, north, height_m] for east, north in ring]
+        shown_m += [[east, north, _HEADROOM * height_m] for east, north in ring]
     eye_m, centre_m = stand_back(np.array(shown_m))
     eye = rrb.EyeControls3D(position=eye_m, look_target=centre_m, eye_up=_UP)
     return _scene(name, eye)
