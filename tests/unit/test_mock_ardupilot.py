@@ -707,3 +707,72 @@ def test_texts_go_to_every_link_whole_and_without_a_tab():
     bench.run(0.1)
     assert [m.text for m in bench.all("STATUSTEXT", link=1)][-1] == "No such mode 99"
     assert "ArduPilot Ready" in [m.text for m in bench.all("STATUSTEXT", link=0)]
+
+
+# -- a transmitter by RC_CHANNELS_OVERRIDE ------------------------------------------------
+
+
+def pulses(**channels):
+    values = [channels.get(f"c{n}", 65535) for n in range(1, 9)]
+    return mavlink.MAVLink_rc_channels_override_message(1, 1, *values)
+
+
+def test_the_mode_switch_takes_over_when_it_moves_and_not_before():
+    bench = flying()
+    bench.send(pulses(c5=1800), identity=(255, 190))
+    bench.run(0.2)
+    assert state(bench)[1] == GUIDED  # it stood there already
+    bench.send(pulses(c5=1700), identity=(255, 190))
+    bench.run(0.2)
+    assert state(bench)[1] == LOITER
+    assert bench.command(SET_MODE, 1.0, GUIDED) == ACCEPTED
+    bench.send(pulses(c5=1700), identity=(255, 190))
+    bench.run(0.2)
+    assert state(bench)[1] == GUIDED  # it has to move again
+    bench.send(pulses(c5=1300), identity=(255, 190))
+    bench.run(0.2)
+    assert state(bench)[1] == LAND
+
+
+def test_sticks_by_override_fly_loiter_and_are_forgotten_after_three_seconds():
+    bench = flying()
+    bench.command(SET_MODE, 1.0, LOITER)
+    bench.send(pulses(c2=1000), identity=(255, 190))
+    bench.run(2.0)
+    assert bench.last("LOCAL_POSITION_NED").vx > 2.0
+    bench.run(6.0)
+    assert abs(bench.last("LOCAL_POSITION_NED").vx) < 0.3
+
+
+def test_a_throttle_of_900_is_a_lost_transmitter():
+    bench = flying()
+    bench.send(pulses(c3=900), identity=(255, 190))
+    bench.run(0.2)
+    assert state(bench)[1:] == (RTL, 5)
+    assert "Radio Failsafe" in bench.texts()
+    bench.send(pulses(c3=1500), identity=(255, 190))
+    bench.run(1.2)
+    assert state(bench)[1:] == (RTL, 4)
+
+
+def test_only_the_ground_station_may_override():
+    bench = flying()
+    bench.send(pulses(c5=1300, c3=900), identity=(1, 191))
+    bench.run(0.2)
+    assert state(bench)[1] == GUIDED
+
+
+def test_a_failsafe_that_lands_waits_four_seconds():
+    bench = flying()
+    autopilot(bench).parameters.override("SIM_GPS_DISABLE", 1)
+    assert bench.run(12.0, until=lambda: state(bench)[1] == LAND)
+    height_m = -autopilot(bench).body.position_m[2]
+    bench.run(3.8)
+    assert -autopilot(bench).body.position_m[2] == pytest.approx(height_m, abs=0.1)
+    bench.run(3.0)
+    assert -autopilot(bench).body.position_m[2] < height_m - 0.8
+    bench.run(9.0)
+    assert "EKF3 IMU0 stopped aiding" in bench.texts()
+    autopilot(bench).parameters.override("SIM_GPS_DISABLE", 0)
+    bench.run(0.5)
+    assert "EKF3 IMU0 is using GPS" in bench.texts()[-3:]

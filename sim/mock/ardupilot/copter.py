@@ -15,6 +15,7 @@ from sim.mock.ardupilot.flight import Flight, Guided
 from sim.mock.ardupilot.ground import DISARM_S, Ground
 from sim.mock.ardupilot.modes import NUMBERS, Mode, find_mode
 from sim.mock.ardupilot.parameters import CopterParameters
+from sim.mock.ardupilot.radio import Radio
 from sim.mock.ardupilot.steering import Steering
 from sim.mock.autopilot import (
     ACTIVE,
@@ -59,6 +60,7 @@ class ArduCopter(Autopilot):
         self.flight = Flight(self.body, self.estimator, self.parameters)
         self.ground = Ground()
         self.steering = Steering(self.flight, self.ground, self.estimator, self.parameters)
+        self.radio = Radio(self.parameters)
         self._story = boot.BootStory(estimator)
         self._mode = Mode.STABILIZE
         self._controlled_s = 0.0
@@ -215,6 +217,16 @@ class ArduCopter(Autopilot):
         self.pilot.radio = not lost
         self._fail_over(self.failsafes.lose_radio(lost=lost, mode=self.mode))
 
+    def override_radio(self, pulses: dict[int, int]) -> None:
+        """Take in pulses of a transmitter by channel: sticks, mode switch, a lost throttle."""
+        self.radio.override(self.now_s, pulses)
+        self.pilot.move(self.now_s, self.radio.sticks)
+        number = self.radio.moved_switch()
+        if number is not None:
+            self.request_mode(number, by_gcs=False)
+        if self.radio.throttle_lost is not self.failsafes.radio:
+            self.lose_radio(lost=self.radio.throttle_lost)
+
     def fence_in(self, radius_m: float) -> None:
         """Set a circle fence."""
         self.parameters.override("FENCE_ENABLE", radius_m > 0.0)
@@ -233,6 +245,8 @@ class ArduCopter(Autopilot):
         self.now_s = now_s
         self._texts += self._story.take_due(now_s)
         self._watch_gps()
+        if self.radio.expire(now_s):
+            self.pilot.move(now_s, self.radio.sticks)
         self.mislead(self.estimator.drift_m(now_s, dt_s))
         if self.home_true_m is None and self.estimator.origin_known(now_s):
             self._set_home()

@@ -126,6 +126,12 @@ def _manual_control(copter: ArduCopter, channel: Channel, message: Any) -> None:
         copter.pilot.move(copter.now_s, Sticks(*axes))
 
 
+def _rc_override(copter: ArduCopter, channel: Channel, message: Any) -> None:
+    """RC_CHANNELS_OVERRIDE: a transmitter, from SYSID_MYGCS only."""
+    if message.get_srcSystem() == int(copter.parameters.number("SYSID_MYGCS")):
+        copter.override_radio({n: getattr(message, f"chan{n}_raw") for n in range(1, 9)})
+
+
 HANDLERS: dict[str, Handler] = {
     **SHARED_HANDLERS,
     "HEARTBEAT": _heartbeat,
@@ -136,4 +142,5 @@ HANDLERS: dict[str, Handler] = {
     "SET_POSITION_TARGET_LOCAL_NED": _local_setpoint,
     "SET_POSITION_TARGET_GLOBAL_INT": _global_setpoint,
     "MANUAL_CONTROL": _manual_control,
+    "RC_CHANNELS_OVERRIDE": _rc_override,
 }

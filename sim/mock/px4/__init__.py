@@ -4,7 +4,7 @@ Read in this order:
 
 * ``modes``, ``parameters``, ``setpoints``: its vocabulary;
 * ``commander``: arming and modes; ``failsafe``, ``ground``, ``health``, ``estimator``: what it
-  watches; ``flight``: what each mode makes the vehicle do;
+  watches; ``flight``, ``trajectory``: what each mode makes the vehicle do;
 * ``incoming``, ``commands``: requests and their answers; ``telemetry``, ``housekeeping``,
   ``undecodable``, ``streams``, ``channel``: messages, their rates, one link.
 """
