@@ -15,6 +15,7 @@ from companion.errors import CompanionError, UsageError
 from sim.mock.conformance.motion import stops_of
 from sim.mock.conformance.recording import Recording, read_recording
 from sim.mock.conformance.replay import Flown, replay
+from sim.mock.packet import message_id
 
 EDGE_S = 4.0
 """So much is shown before the first and after the last setpoint."""
@@ -46,7 +47,7 @@ def draw(recording: Recording, flown: Flown, picture: Path) -> None:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise UsageError("pictures need matplotlib: install the training extra") from error
-    streamed = [t for t, frame in recording.requests if _number(frame) in SETPOINT_IDS]
+    streamed = [t for t, frame in recording.requests if message_id(frame) in SETPOINT_IDS]
     if not streamed:
         raise UsageError(f"{recording.name}: nobody sends setpoints in it")
     start_s, end_s = streamed[0] - EDGE_S, streamed[-1] + EDGE_S
@@ -71,10 +72,6 @@ def draw(recording: Recording, flown: Flown, picture: Path) -> None:
 def _curve(messages: Any, name: str, start_s: float, end_s: float) -> tuple[Any, Any]:
     points = [(t, getattr(message, name)) for t, message in messages if start_s <= t <= end_s]
     return np.array([t for t, _ in points]), np.array([value for _, value in points])
-
-
-def _number(frame: bytes) -> int:
-    return int.from_bytes(frame[7:10], "little")
 
 
 if __name__ == "__main__":

@@ -17,6 +17,12 @@ def message_id(packet: bytes) -> int:
     return int.from_bytes(packet[7:10], "little") if packet[0] == MAVLINK2 else packet[5]
 
 
+def sender_of(packet: bytes) -> tuple[int, int]:
+    """Return the system and component id of one complete MAVLink packet."""
+    first = 5 if packet[0] == MAVLINK2 else 3
+    return packet[first], packet[first + 1]
+
+
 class Packet:
     """One packet, of this autopilot or passed on for somebody else."""
 

@@ -10,11 +10,18 @@ import sys
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.errors import UsageError
+from companion.world.frames import GeoPoint
+from sim.mock.ardupilot.personality import ARDUPILOT
+from sim.mock.bench import Bench
 from sim.mock.conformance.compare import compare
 from sim.mock.conformance.recording import interpret, read_recording
 from sim.mock.conformance.table import Row, as_text
+from sim.mock.placement import place_vehicle
+from sim.mock.px4.personality import PX4
+from sim.mock.vehicle import Settings
 
 SHORT = ("ap_short_flight_companion", "px4_short_flight_companion_30s")
 CAPTURES = os.environ.get("COMPANION_CAPTURES", "")
@@ -64,6 +71,55 @@ def test_a_mock_that_answers_otherwise_is_found_out(recorded_flight, monkeypatch
     rows = compare(interpret(SHORT[1], recorded_flight(SHORT[1])))
     wrong = {row.what for row in rows if not row.holds}
     assert {"answers to commands", "mode, arming and state", "the way flown"} <= wrong
+
+
+class Log(Bench):
+    """A bench that logs what is sent, in MAVLink 1 as well, as a client would."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.sent = []
+
+    def send(self, message, *, link=0, identity=None):
+        codec = mavlink.MAVLink(None, *(identity or self.identity))
+        self.sent.append((self.time_s, message.pack(codec, force_mavlink1=len(self.sent) % 2 == 0)))
+        super().send(message, link=link, identity=identity)
+
+    def frames(self):
+        """Return the log, by a wall clock that runs slower than the vehicle."""
+        heard = [(received.time_s, received.packet) for received in self.received]
+        log = sorted([*heard, *self.sent], key=lambda item: item[0])
+        return [(1e9 + 0.8 * t, frame) for t, frame in log]
+
+
+@pytest.mark.parametrize("personality", [PX4, ARDUPILOT], ids=lambda personality: personality.name)
+def test_a_recording_of_the_mock_itself_agrees_whoever_and_wherever_it_is(personality):
+    place = place_vehicle(None, GeoPoint(12.5, 77.5, 920.0), personality)
+    boot_s = 3.7 if personality is PX4 else 30.0
+    settings = Settings(
+        place, boot_s=boot_s, personality=personality, system_id=9, radio=personality is ARDUPILOT
+    )
+    bench = Log(settings, identity=(9, 191))
+    external = personality.kind.external_mode_number
+    bench.run(1.0)
+    bench.send(mavlink.MAVLink_request_data_stream_message(9, 1, 0, 8, 1))
+    bench.command(511, 245, 200_000)
+    bench.run(boot_s + 1.0)
+    bench.run(0.5, stream=bench.velocity(0, 0, -1))
+    bench.command(176, 1, external)
+    bench.command(400, 1)
+    if personality is ARDUPILOT:
+        bench.command(22, 0, 0, 0, 0, 0, 0, 9.0)
+        bench.run(14.0)
+    bench.run(9.0, stream=bench.velocity(1.5, -0.5, -0.3))
+    bench.run(9.0)
+    bench.command(21)
+    bench.run(6.0)
+    rows = compare(interpret("itself", bench.frames()))
+    assert {"answers to commands", "failsafe felt after", "stopping distance"} <= {
+        row.what for row in rows
+    }
+    assert all(row.holds for row in rows), as_text("itself", rows)
 
 
 def test_the_table_says_what_holds():

@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim.mock.conformance.recording import Recording
 from sim.mock.conformance.replay import Flown
 from sim.mock.conformance.table import Row
+from sim.mock.packet import message_id
 
 SHARE_LIMIT = 0.20
 WAY_LIMIT_M = 2.0
@@ -56,7 +57,7 @@ def stops_of(recording: Recording) -> list[Stop]:
     parser = mavlink.MAVLink(None)
     setpoints, commands = [], []
     for t, frame in recording.requests:
-        number = int.from_bytes(frame[7:10], "little")
+        number = message_id(frame)
         if number in _SETPOINTS:
             setpoints.append(t)
         elif number in _COMMANDS and parser.decode(bytearray(frame)).command in _MODES:

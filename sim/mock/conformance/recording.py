@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.errors import UsageError
 from companion.world.frames import GeoPoint
 from sim.mock.ardupilot.personality import ARDUPILOT
-from sim.mock.packet import message_id
+from sim.mock.packet import message_id, sender_of
 from sim.mock.personality import Personality
 from sim.mock.px4.personality import PX4
 from sim.mock.tlog import read_frames
@@ -123,7 +123,7 @@ def interpret(name: str, frames: list[tuple[float, bytes]]) -> Recording:
     ties: list[tuple[float, float]] = []
     theirs, requests, counts = [], [], Counter[int]()
     for wall_s, frame in frames:
-        if (frame[5], frame[6]) != (system_id, 1):
+        if sender_of(frame) != (system_id, 1):
             requests.append((wall_s, frame))
             continue
         counts[message_id(frame)] += 1
@@ -184,11 +184,12 @@ class _Clock:
 def _find_autopilot(name: str, frames: list[tuple[float, bytes]]) -> tuple[int, Personality]:
     parser = mavlink.MAVLink(None)
     for _, frame in frames:
-        if message_id(frame) == mavlink.MAVLINK_MSG_ID_HEARTBEAT and frame[6] == 1:
+        system_id, component_id = sender_of(frame)
+        if message_id(frame) == mavlink.MAVLINK_MSG_ID_HEARTBEAT and component_id == 1:
             heartbeat = parser.decode(bytearray(frame))
             personality = _PERSONALITIES.get(heartbeat.autopilot)
             if personality is not None:
-                return frame[5], personality
+                return system_id, personality
     raise UsageError(f"{name}: no PX4 or ArduPilot sends HEARTBEAT in it")
 
 

@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim.mock.bench import Bench
 from sim.mock.conformance.recording import Recording
 from sim.mock.conformance.surroundings import events_of, has_transmitter
+from sim.mock.packet import message_id, sender_of
 from sim.mock.placement import place_vehicle
 from sim.mock.px4.personality import PX4
 from sim.mock.vehicle import Settings
@@ -68,7 +69,7 @@ def replay(recording: Recording) -> Flown:
         if kind == 1:
             what.happen(autopilot)
         else:
-            bench.vehicle.receive(int((what[5], what[6]) in elsewhere), what)
+            bench.vehicle.receive(int(sender_of(what) in elsewhere), what)
     watch.run_until(recording.end_s + AFTER_S)
 
     messages: dict[str, list[tuple[float, Any]]] = defaultdict(list)
@@ -114,7 +115,7 @@ def _adopt_parameters(recording: Recording, parameters: Any) -> list[str]:
     written = {
         parser.decode(bytearray(frame)).param_id
         for _, frame in recording.requests
-        if int.from_bytes(frame[7:10], "little") == mavlink.MAVLINK_MSG_ID_PARAM_SET
+        if message_id(frame) == mavlink.MAVLINK_MSG_ID_PARAM_SET
     }
     differ = []
     for _, message in recording.of("PARAM_VALUE"):
@@ -146,6 +147,6 @@ def _senders_elsewhere(recording: Recording) -> set[tuple[int, int]]:
     heartbeats = (
         (frame, parser.decode(bytearray(frame)))
         for _, frame in recording.requests
-        if int.from_bytes(frame[7:10], "little") == mavlink.MAVLINK_MSG_ID_HEARTBEAT
+        if message_id(frame) == mavlink.MAVLINK_MSG_ID_HEARTBEAT
     )
-    return {(frame[5], frame[6]) for frame, m in heartbeats if m.type == mavlink.MAV_TYPE_GCS}
+    return {sender_of(frame) for frame, m in heartbeats if m.type == mavlink.MAV_TYPE_GCS}

@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.mock.autopilot import FAILSAFE, Autopilot, FlightMode
 from sim.mock.conformance.recording import ARMED, Recording
+from sim.mock.packet import message_id
 from sim.mock.px4.modes import Mode as Px4Mode
 from sim.mock.px4.personality import PX4
 
@@ -129,7 +130,7 @@ def _moment_between(recording: Recording, start_s: float, end_s: float) -> float
 
 
 def _is(frame: bytes, *numbers: int) -> bool:
-    return int.from_bytes(frame[7:10], "little") in numbers
+    return message_id(frame) in numbers
 
 
 def _mode_named(recording: Recording, custom_mode: int) -> FlightMode | None:
