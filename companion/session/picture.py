@@ -16,6 +16,7 @@ from companion.session.viewer import headless_viewer
 _LOAD_S = 120.0
 _TOAST_S = 5.0  # until the viewer's own notices have faded
 _SETTLE_S = 1.5  # after a jump in time
+_STILL_S = 0.5  # loading shows as moving dots
 _TIMELINE = "session"
 
 
@@ -47,7 +48,20 @@ def render(
         time_s = end_s if at_s is None else min(max(0.0, at_s), end_s)
         client.set_time(_TIMELINE, duration=time_s, play_state="paused")
         sleep_s(_SETTLE_S)
-        client.save_screenshot(str(png.resolve()), _view_id(client, views))
+        shoot_settled(client, png.resolve(), _view_id(client, views))
+
+
+def shoot_settled(client: ViewerClient, png: Path, view_id: str | None = None) -> None:
+    """Save the picture once it has stopped changing: long recordings are drawn bit by bit."""
+    deadline_s = now_s() + _LOAD_S
+    before = b""
+    while now_s() < deadline_s:
+        client.save_screenshot(str(png), view_id)
+        picture = png.read_bytes()
+        if picture == before:
+            return
+        before = picture
+        sleep_s(_STILL_S)
 
 
 def _view_id(client: ViewerClient, names: Sequence[str]) -> str | None:

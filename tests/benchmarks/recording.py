@@ -21,6 +21,7 @@ from rerun.experimental import ViewerClient
 from companion.errors import CompanionError
 from companion.policy.observation import LAYOUTS, build_observation
 from companion.session.folder import RECORDING
+from companion.session.picture import shoot_settled
 from companion.session.records import (
     ActorRecord,
     Event,
@@ -140,7 +141,7 @@ def opening_s(recording):
             while client.get_state().loading or not client.get_state().recordings:
                 time.sleep(0.05)
             client.set_time("session", duration=60.0, play_state="paused")
-            client.save_screenshot(str(recording.with_suffix(".png")))
+            shoot_settled(client, recording.with_suffix(".png"))
             return time.perf_counter() - begin_s
     except CompanionError:
         return None
@@ -164,9 +165,7 @@ def main():
     print(f"| rows | {rows / minutes / 60:.0f} a second |")
     print(f"| processor, of one core | {100 * spent_s / (60 * minutes):.1f} % |")
     print(f"| rewriting at the end | {rewriting_s:.1f} s |")
-    print(
-        f"| until the viewer has drawn it | {'-' if opened_s is None else f'{opened_s:.1f} s'} |"
-    )
+    print(f"| until the viewer has drawn it | {'-' if opened_s is None else f'{opened_s:.1f} s'} |")
 
 
 if __name__ == "__main__":
