@@ -34,6 +34,8 @@ from sim.mock.px4.modes import Mode
 from sim.mock.px4.parameters import Px4Parameters
 from sim.mock.setpoints import Setpoint
 
+HALF_FULL = 0.5
+"""No battery failsafe acts on more."""
 REST_S = 2.3
 """The estimator notices so long after disarming that the vehicle rests (recorded: 2.0 to 2.6)."""
 UNHEALTHY = "Arming denied: Resolve system health failures first"
@@ -287,6 +289,8 @@ class Px4(Autopilot):
             self.flight.enter(mode, self.home_true_m)
 
     def _check_failsafe(self) -> None:
+        if self._all_is_well():
+            return
         before = self.failsafe.mode
         self.failsafe.update(
             Situation(
@@ -307,6 +311,18 @@ class Px4(Autopilot):
             hold = f": entering Hold for {self.parameters.number('COM_FAIL_ACT_T'):.0f} seconds"
             self.say(CRITICAL, "Failsafe activated" + (hold if delayed else ""))
         self._apply_mode()
+
+    def _all_is_well(self) -> bool:
+        """Whether no failsafe can act, seen at a glance: so it is in most steps."""
+        return (
+            self.failsafe.rests
+            and self.battery.fraction > HALF_FULL
+            and self.estimator.ready(self.now_s)
+            and (self.intention is not Mode.OFFBOARD or self.setpoints_fresh())
+            and self.failsafe.expects(pilot_present=self.pilot_present())
+            and not self.parameters.number("GF_MAX_HOR_DIST")
+            and not self.parameters.number("GF_MAX_VER_DIST")
+        )
 
     def _sticks_take_over(self) -> None:
         if self.armed and not self.landed and not self.mode.needs_pilot and self.pilot_present():

@@ -55,6 +55,16 @@ class Failsafe:
     _since_s: float = 0.0
     _overruled: set[Cause] = field(default_factory=set)
 
+    @property
+    def rests(self) -> bool:
+        """Whether nothing acts, and nothing was overruled."""
+        return self.cause is None and not self._overruled
+
+    def expects(self, *, pilot_present: bool) -> bool:
+        """Note whether the pilot is there; return whether that is as it should be."""
+        self._pilot_expected |= pilot_present
+        return pilot_present or not self._pilot_expected
+
     def arm(self, *, pilot_present: bool) -> None:
         """Start afresh: manual control absent at arming is not missed later."""
         self.clear()
