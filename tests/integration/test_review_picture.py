@@ -298,7 +298,7 @@ def test_what_is_no_session_is_said(tmp_path):
 def test_a_session_without_rerun_still_has_its_report(tmp_path):
     (tmp_path / "flight.tlog").write_bytes(b"")
     assert "missing" in brief(tmp_path)
-    with pytest.raises(UsageError, match="is empty"):
+    with pytest.raises(UsageError, match="nothing to show"):
         render_png(open_flight(tmp_path), tmp_path / "review.png")
 
 
