@@ -17,6 +17,8 @@ from companion.world.way_ahead import WayAhead, Ways
 from companion.world.ways import RENEW_M, WayField, WayGrid, finish
 from sim.sampling import sample_free
 
+_WINDOW_CELLS = 400
+"""No window that moves with a vehicle: all of a map of 1 km."""
 _MOST_FIELDS = 2_000
 """Kept for another evaluation of the same cases: 192 kB each on the paper's cube."""
 
@@ -32,7 +34,7 @@ class Surveyor:
         """Return the cells of a map."""
         key = city.content_hash
         if key not in self._grids:
-            self._grids[key] = finish(WayGrid.build(city))
+            self._grids[key] = finish(WayGrid.build(city, window_cells=_WINDOW_CELLS))
         return self._grids[key]
 
     def field(self, city: Map, target_enu_m: FloatArray) -> WayField:

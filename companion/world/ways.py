@@ -88,12 +88,19 @@ class WayGrid:
     """Straight down and up."""
 
     @classmethod
-    def build(cls, city: Map, center_enu_m: FloatArray | None = None) -> Iterator["WayGrid | None"]:
+    def build(
+        cls,
+        city: Map,
+        center_enu_m: FloatArray | None = None,
+        *,
+        window_cells: int = WINDOW_CELLS,
+    ) -> Iterator["WayGrid | None"]:
         """Cut a map into cells, bit by bit.
 
         Args:
             city: The map.
             center_enu_m: Around which point, ``(3,)``, if the map is larger than the window.
+            window_cells: Size of the window, east and north.
 
         Yields:
             ``None`` after each part of the work, at last the grid.
@@ -101,12 +108,12 @@ class WayGrid:
         cells = np.ceil(city.size_m / CELL_M - 1e-9).astype(int)
         low_m = np.zeros(3)
         for axis in (0, 1):
-            if cells[axis] > WINDOW_CELLS:
+            if cells[axis] > window_cells:
                 center = cells[axis] // 2
                 if center_enu_m is not None:
                     center = int(center_enu_m[axis] // CELL_M)
-                first = min(max(center - WINDOW_CELLS // 2, 0), cells[axis] - WINDOW_CELLS)
-                cells[axis], low_m[axis] = WINDOW_CELLS, first * CELL_M
+                first = min(max(center - window_cells // 2, 0), cells[axis] - window_cells)
+                cells[axis], low_m[axis] = window_cells, first * CELL_M
         x, y, z = (int(count) for count in cells)
         nodes = (x * _NODES + 1, y * _NODES + 1)
         skyline = yield from through(Skyline.survey(city, low_m[:2], nodes, CELL_M / _NODES))
