@@ -63,7 +63,7 @@ def make_recording(flight: Flight, folder: Path) -> Path:
     if flight.recording is not None:
         return flight.recording
     if flight.write_recording is None:
-        raise UsageError(f"{flight.path} holds neither a recording nor frames: there is nothing to show")
+        raise UsageError(f"{flight.path} has neither recording nor frames: nothing to show")
     viewer.viewer_binary()
     recording = folder / f"{flight.path.stem}.rrd"
     try:
