@@ -36,6 +36,7 @@ STALE_MPS = 0.5
 SENT_AGAIN = 10
 """So many times the same command within ``SENT_AGAIN_S`` is no retry any more."""
 SENT_AGAIN_S = 30.0
+COMMANDS_KEPT = 64
 INSANE = 1000.0
 """A velocity or acceleration beyond this is a mistake of units, or no number."""
 
@@ -67,9 +68,7 @@ class _Sender:
     has_stopped: bool = False
     """Whether it has paused since it lost control."""
     is_gcs: bool = False
-    commands: dict[tuple[Any, ...], deque[float]] = field(
-        default_factory=lambda: defaultdict(deque)
-    )
+    commands: dict[str, deque[float]] = field(default_factory=lambda: defaultdict(deque))
 
 
 class Conduct:
@@ -171,7 +170,11 @@ class Conduct:
         sender = self._senders[who]
         if message.command not in _ACTS:
             return
-        times_s = sender.commands[message.command, message.param1, message.param2, message.param3]
+        # Written out: no two NaN are the same. Older commands than the newest few do not matter.
+        content = repr((message.command, message.param1, message.param2, message.param3))
+        times_s = sender.commands[content]
+        if len(sender.commands) > COMMANDS_KEPT:
+            del sender.commands[next(iter(sender.commands))]
         times_s.append(now_s)
         while now_s - times_s[0] > SENT_AGAIN_S:
             times_s.popleft()

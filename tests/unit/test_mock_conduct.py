@@ -170,7 +170,7 @@ def test_hovering_is_no_hanging(fly):
 def test_one_that_repeats_a_command_for_ever_is_found_out(fly):
     bench = fly()
     for _ in range(12):
-        bench.command(ARM, 1.0)
+        bench.command(ARM, 1.0, 0.0, NAN, NAN)
     assert kinds(bench) == {"repeats_commands"}
 
 
