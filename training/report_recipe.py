@@ -59,7 +59,12 @@ def _state(preset: Preset) -> str:
         return "the paper's six coordinates"
     if preset.layout_name == "relative":
         return "the same, seen from the vehicle: offset, distance and bearing of the destination"
-    return f"layout {preset.layout_name}"
+    if preset.layout_name == "rays":
+        return (
+            "layout `rays`: the way to the destination, and distances to walls and roofs around "
+            "the vehicle, computed from the map"
+        )
+    return f"layout `{preset.layout_name}`"
 
 
 def _ends(preset: Preset) -> str:
