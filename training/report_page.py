@@ -102,13 +102,13 @@ def _banner(report: Report) -> str:
 
 def _departures(report: Report) -> str:
     state = next(ours for what, _, ours in report.recipe if what == "state")
-    ends = next(ours for what, _, ours in report.recipe if what == "end of an episode")
     return (
         "The paper's: reward, exploration, horizon, batch, buffer, one critic, one-step targets, "
-        "transfer from the free stage. Not the paper's, and needed for these rates (see the "
-        f"ablations): the state among obstacles is {state}; an episode ends {ends}; many worlds "
-        "are stepped at once. What the paper leaves open or contradicts is in the errata. So Table "
-        "II is reached by the paper's algorithm, not by the paper's state."
+        f"transfer from the free stage. Not the paper's: the state is {state}; among obstacles an "
+        "episode ends on contact, and by chance at any step; many worlds are stepped at once. The "
+        "recipe and the ablations below say what exactly, and what each of them brings; the errata "
+        "say what the paper leaves open or contradicts. So Table II is reached by the paper's "
+        "algorithm, not from the paper's state."
     )
 
 
@@ -271,7 +271,8 @@ def _transfer(report: Report) -> str:
             f"\n\nHere transfer buys {gain:.1f} points."
             if gain > 0.0
             else f"\n\n**Here transfer does not pay**: from scratch the same updates bring "
-            f"{-gain:.1f} points more. A likely cause, not tested: the free critic knows no obstacles."
+            f"{-gain:.1f} points more. A likely cause, not tested: the free critic knows no "
+            "obstacles."
         )
     return (
         "The same recipe, seeds and updates on env1, once from the networks of the free stage "
