@@ -8,7 +8,7 @@ from training.report_data import Baseline, Report, RunResult, Score
 from training.report_errata import ERRATA
 from training.report_made import budget, how_it_was_made
 from training.report_words import listed, mean, minutes, percent, spread, table
-from training.reproduce_plan import BETA
+from training.reproduce_plan import BETA, RECIPE
 
 PAPER_RATES = {"free": 1.00, "env1": 0.84, "env2": 0.82}
 """Table II."""
@@ -309,12 +309,35 @@ def _ablations(report: Report) -> str:
     return (
         "Each row is the recipe with one thing changed, trained on env1 for fewer updates than "
         "the runs of Table II so that all of them fit; compare rows with the first one, not with "
-        "Table II.\n\n" + table(heading, rows)
+        "Table II.\n\n" + table(heading, rows) + _noise_note(report)
     )
 
 
 def _errata() -> str:
     return table(["#", "paper", "problem", "here"], [list(row) for row in ERRATA])
+
+
+def _noise_note(report: Report) -> str:
+    """Return what the seeds of the unchanged recipe say about differences between rows."""
+    rates = [run.static.evaluation.completion_rate for run in report.of("ablation", "env1", RECIPE)]
+    if len(rates) < 2:
+        return ""
+    low, high = min(rates), max(rates)
+    others = {
+        change.name: [
+            run.static.evaluation.completion_rate
+            for run in report.of("ablation", "env1", change.name)
+        ]
+        for change in report.changes[1:]
+    }
+    above = [name for name, found in others.items() if found and min(found) > high]
+    below = [name for name, found in others.items() if found and max(found) < low]
+    return (
+        f"\n\nThe seeds of the unchanged recipe are {100.0 * (high - low):.1f} points apart: "
+        "smaller differences mean nothing. At this budget "
+        f"{listed(above) or 'no change'} complete more than its best seed, "
+        f"{listed(below) or 'no change'} less than its worst."
+    )
 
 
 def _beta(report: Report) -> str:
