@@ -125,25 +125,23 @@ class WayGrid:
             factor[height_m < center_m[..., None]] = price
             factor[..., height_m > city.size_m[2] - MARGINS_M[margin]] = price
         yield None
-        costs = []
+        east_cost = np.empty((2, x, 3, 3, y, z), dtype=np.float32)
+        north_cost = np.empty((2, y, 3, x, z), dtype=np.float32)
+        up_cost = np.empty((2, z, x, y), dtype=np.float32)
         for move in MOVES[:HERE]:
             between_m = _highest_between(skyline.height_m[BESIDE], (x, y), move)
             lower_m = np.minimum(height_m, height_m + CELL_M * move[2])
             cost = np.float32(_length_m(CELL_M * move)) * factor
-            costs.append(np.where(lower_m < between_m[..., None], np.float32(np.inf), cost))
+            cost[lower_m < between_m[..., None]] = np.inf
+            east, north, up = (int(part) for part in move)
+            if east:
+                east_cost[(east + 1) // 2, :, north + 1, up + 1] = cost
+            elif north:
+                north_cost[(north + 1) // 2, :, up + 1] = np.moveaxis(cost, 1, 0)
+            else:
+                up_cost[(up + 1) // 2] = np.moveaxis(cost, 2, 0)
             yield None
-        east = np.stack(costs[:18]).reshape(2, 3, 3, x, y, z)
-        north = np.stack(costs[18:24]).reshape(2, 3, x, y, z)
-        up = np.stack(costs[24:])
-        yield cls(
-            city,
-            low_m,
-            (x, y, z),
-            skyline,
-            np.ascontiguousarray(np.moveaxis(east, 3, 1)),
-            np.ascontiguousarray(np.moveaxis(north, 3, 1)),
-            np.ascontiguousarray(np.moveaxis(up, 3, 1)),
-        )
+        yield cls(city, low_m, (x, y, z), skyline, east_cost, north_cost, up_cost)
 
     def cell_of(self, position_enu_m: FloatArray) -> IntArray:
         """Return the cells ``(..., 3)`` of positions, the nearest for those outside the box."""
