@@ -51,7 +51,7 @@ class PlanAndTrack:
             goal_m[rows[~known]] = target_m[rows[~known]]
             hidden = rows[~_in_sight(city, position_m[rows], goal_m[rows])]
             goal_m[hidden] = _farthest_in_sight(city, position_m[hidden], self._way_enu_m[hidden])
-        bearing_rad = bearing_to_target_rad(position_m, target_m)
+        bearing_rad = bearing_to_target_rad(position_m, world.aim_enu_m)
         return displacement_to_action(goal_m - position_m, world.scaling, world.edge_m, bearing_rad)
 
     def _plan(self, start_m: FloatArray, target_m: FloatArray) -> FloatArray:
