@@ -102,7 +102,7 @@ def test_the_pilot_arms_takes_off_and_selects_offboard(constant_actor):
     assert all(not velocity.any() for time_s, velocity in spy.sent if time_s < 4.0)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     takeover_s=st.floats(0.5, 24.0),
     mode=st.sampled_from([FlightMode.HOLD, FlightMode.OTHER, FlightMode.LAND, FlightMode.RETURN]),
