@@ -62,8 +62,6 @@ class SiteConfig:
             raise UsageError("--connect is missing, for example --connect udp:0.0.0.0:14540")
         if self.connect.startswith(MOCK_PREFIX) and self.connect not in MOCKS:
             raise UsageError(f"--connect {self.connect}: there is {' and '.join(MOCKS)}")
-        if self.connect.startswith(MOCK_PREFIX) and self.signing_key is not None:
-            raise UsageError("--signing-key: the built-in mock vehicle does not sign")
         _check_range("--v-max", self.v_max, V_MAX_LOW_MPS, 20.0, "m/s")
         _check_range("--margin", self.margin, 0.5, 20.0, "m")
         if self.takeoff is not None:

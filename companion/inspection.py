@@ -88,7 +88,7 @@ def inspect(config: PreflightConfig) -> Inspection:
     city = load_map(config.map)
     if city.origin is None and city.launch_enu_m is None:
         raise RefusedError(f"map {city.name} has neither origin nor launch_m: it cannot be flown")
-    with link_url(config.connect, config.map, config.target_sysid) as url:
+    with link_url(config.connect, config.map, config.target_sysid, config.signing_key) as url:
         vehicle = connect(
             url,
             vehicle_sysid=config.vehicle_sysid,

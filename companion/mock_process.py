@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from companion.errors import LinkOpenError
 
@@ -21,8 +22,16 @@ _LOG = logging.getLogger("companion")
 
 
 @contextmanager
-def link_url(connect: str, map_path: str, target_sysid: int | None) -> Iterator[str]:
+def link_url(
+    connect: str, map_path: str, target_sysid: int | None, signing_key: Path | None = None
+) -> Iterator[str]:
     """Yield the URL to connect to; one of ``MOCKS`` starts a vehicle that ends with us.
+
+    Args:
+        connect: URL, or one of ``MOCKS``.
+        map_path: Map file or bundled name, for the mock's own contact referee.
+        target_sysid: A second system that wanders through the map, if one is to be pursued.
+        signing_key: File of the key that the mock vehicle signs with, if it is to.
 
     Raises:
         LinkOpenError: If the mock vehicle cannot be started.
@@ -31,19 +40,22 @@ def link_url(connect: str, map_path: str, target_sysid: int | None) -> Iterator[
         yield connect
         return
     autopilot = connect.removeprefix(MOCK_PREFIX)
-    with mock_vehicle(autopilot, map_path, target_sysid) as url:
+    with mock_vehicle(autopilot, map_path, target_sysid, signing_key) as url:
         _LOG.info("started the mock vehicle (%s)", autopilot)
         yield url
 
 
 @contextmanager
-def mock_vehicle(autopilot: str, map_path: str, target_sysid: int | None) -> Iterator[str]:
+def mock_vehicle(
+    autopilot: str, map_path: str, target_sysid: int | None, signing_key: Path | None = None
+) -> Iterator[str]:
     """Start a mock vehicle that calls us, and stop it at the end.
 
     Args:
         autopilot: The personality, ``px4`` or ``ardupilot``.
         map_path: Map file or bundled name, for the mock's own contact referee.
         target_sysid: A second system that wanders through the map, if one is to be pursued.
+        signing_key: File of the key that it signs with, if it is to.
 
     Yields:
         The URL to listen on.
@@ -61,6 +73,8 @@ def mock_vehicle(autopilot: str, map_path: str, target_sysid: int | None) -> Ite
     ]  # fmt: skip
     if target_sysid is not None:
         command += ["--target", f"kind=waypoints,sysid={target_sysid},speed=1.5"]
+    if signing_key is not None:
+        command += ["--signing-key", str(signing_key)]
     try:
         process = subprocess.Popen(
             command,

@@ -55,7 +55,7 @@ def run(config: RunConfig) -> Summary:
     sinks: list[Callable[[Record], None]] = [early.append]
     journal = Journal(lambda record: sinks[-1](record))
 
-    with link_url(config.connect, config.map, config.target_sysid) as url:
+    with link_url(config.connect, config.map, config.target_sysid, config.signing_key) as url:
         vehicle = connect(
             url,
             vehicle_sysid=config.vehicle_sysid,
