@@ -30,7 +30,8 @@ It does not cover         What happens
 ========================  ==========================================================================
 what moves                other aircraft, cranes and people are not seen
 wind beyond control       a drift over ground of ``w`` costs ``restore_s * w`` of the margin; air at
-                          3 m/s that nothing leans against was flown in, a lasting drift was not
+                          3 m/s that nothing leans against was flown in, a lasting drift was not;
+                          air that pushes harder than ``brake_mps2`` takes the vehicle along
 the end of the stream     the autopilot flies on for a while (DESIGN 5.5): ``--cap-by-failsafe``
 a wish into a wall        it does not plan: who wants straight through waits, ``BLOCKED``, maybe for
                           ever; the supervisor and the policy must find the way round

@@ -4,7 +4,8 @@ What the shield is not told is as bad as it gets: every fifth message lost in ei
 position that is wrong by 0.3 m on each axis and a velocity by 0.1 m/s, commands that take up to
 two ticks to arrive, ticks that come late, air that moves at 3 m/s and turns round from one moment
 to the next, as at the corner of a street. What it is told of the vehicle is true: the vehicle
-lags by the given time, or less, and brakes as given, or better.
+lags by the given time, or less, and brakes as given, or better, with a quarter of it to spare
+against the air.
 """
 
 from collections.abc import Callable
@@ -21,6 +22,9 @@ from companion.world.maps import Map, build_map, load_map
 from sim.dynamics import Disturbance, VelocityLag, follow_velocity
 
 PERIOD_S = 0.05
+AIR_MPS = 3.0
+MOST_PUSH = 0.75
+"""Of what the vehicle can accelerate by: so much of it at most goes into leaning on the air."""
 Policy = Callable[[FloatArray, np.random.Generator], FloatArray]
 
 
@@ -324,7 +328,9 @@ def adversarial_flight(seed: int, *, disturbed: bool, duration_s: float) -> Flig
         setting.noise_m = Disturbance(0.3, rng.choice([0.01, 2.0]))
         wind = seed // (len(CITIES) * len(POLICIES)) % 3
         if wind != 1:
-            setting.air_mps, setting.drag_per_s = 3.0, rng.uniform(0.1, 0.5)
+            # Air that pushes harder than the vehicle can push back cannot be held against at all.
+            most_per_s = MOST_PUSH * setting.lag.acceleration_max_mps2 / AIR_MPS
+            setting.air_mps, setting.drag_per_s = AIR_MPS, min(rng.uniform(0.1, 0.5), most_per_s)
             setting.air_turns_s = rng.uniform(0.5, 5.0)
         if wind != 0:
             setting.gusts_mps = Disturbance(0.5, 2.0)
