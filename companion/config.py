@@ -17,6 +17,7 @@ from companion.arrays import FloatArray
 from companion.errors import UsageError
 from companion.mock_process import MOCK_PREFIX, MOCK_SYSID, MOCKS
 from companion.world.frames import GeoPoint
+from companion.yaml_keys import EachKeyOnce
 
 DEFAULT_ACTOR = "flight"
 V_MAX_LOW_MPS = 0.1
@@ -175,7 +176,7 @@ def load_run_config(path: Path) -> RunConfig:
         UsageError: If the file cannot be read or a key or value is wrong; names both.
     """
     try:
-        data = yaml.load(path.read_text(encoding="utf-8"), _EachKeyOnce)
+        data = yaml.load(path.read_text(encoding="utf-8"), _OptionLoader)
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"cannot read --config {path}: {error}") from error
     except RecursionError as error:
@@ -201,19 +202,12 @@ def load_run_config(path: Path) -> RunConfig:
         raise UsageError(f"--config {path}: {error}") from error
 
 
-class _EachKeyOnce(yaml.SafeLoader):
-    """Safe YAML that refuses a key given twice, of which YAML would silently take the last."""
+class _OptionLoader(EachKeyOnce, yaml.SafeLoader):
+    """``v-max`` and ``v_max`` are one option."""
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[str] = set()
-        for key, _ in node.value:
-            name = str(key.value).replace("-", "_")
-            if name in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"{key.value!r} is given twice", key.start_mark
-                )
-            seen.add(name)
-        return super().construct_mapping(node, deep)
+    @staticmethod
+    def spelled(key: str) -> str:
+        return key.replace("-", "_")
 
 
 def restore_run_config(values: dict[str, Any]) -> RunConfig:

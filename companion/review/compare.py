@@ -79,10 +79,11 @@ class Pair:
 
     def tracks(self) -> tuple[Track, Track]:
         """Return both paths, their times shifted."""
-        return tuple(  # type: ignore[return-value]
+        first, second = (
             Track(flight.vehicle.time_s - start_s, flight.vehicle.position_enu_m)
             for flight, start_s in zip(self.flights, self.starts_s(), strict=True)
         )
+        return first, second
 
     def _differences(self) -> list[tuple[str, str, str]]:
         rows = []

@@ -9,6 +9,7 @@ import msgspec
 import yaml
 
 from companion.errors import MapError
+from companion.yaml_keys import EachKeyOnce
 
 MAX_FILE_BYTES = 2**23
 """About 40,000 buildings; a larger file is more likely the wrong one."""
@@ -138,17 +139,5 @@ def _place(mark: Any) -> str:
     return "" if mark is None else f" (line {mark.line + 1}, column {mark.column + 1})"
 
 
-class _StrictLoader(_Loader):  # type: ignore[misc, valid-type]
+class _StrictLoader(EachKeyOnce, _Loader):  # type: ignore[misc, valid-type]
     """Plain YAML without a key twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)
-            if isinstance(key, str) and key in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"key {key} appears twice", key_node.start_mark
-                )
-            seen.add(str(key))
-        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
-        return mapping

@@ -9,10 +9,12 @@ import threading
 
 import numpy as np
 import pytest
+from rerun.experimental import ViewerClient
 
 from companion import clock
-from companion.errors import LinkOpenError
+from companion.errors import CompanionError, LinkOpenError
 from companion.link.opening import connect
+from companion.session.viewer import headless_viewer
 from companion.vehicle import FlightMode, LandedState, RequestKind, RequestState, SystemStatus
 
 MOCK_SPEED = 4
@@ -192,3 +194,13 @@ def relay():
     yield start
     for each in relays:
         each.stop()
+
+
+@pytest.fixture(scope="session")
+def vulkan():
+    """Skip where the viewer cannot draw."""
+    try:
+        with headless_viewer((640, 480)) as address:
+            ViewerClient.connect(address).get_state()
+    except CompanionError as error:
+        pytest.skip(str(error))

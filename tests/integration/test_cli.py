@@ -5,6 +5,7 @@ import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -56,7 +57,7 @@ def test_errors_are_one_line(words, code, says):
 
 
 def test_an_output_that_is_full_is_one_line():
-    with open("/dev/full", "w") as full:  # noqa: PTH123
+    with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             [*COMPANION, "maps", "check", "env1"],
             stdout=full, stderr=subprocess.PIPE, text=True, check=False,

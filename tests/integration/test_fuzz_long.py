@@ -7,6 +7,7 @@ and MAVLink 1. ``pytest -m slow`` runs it; the figures are printed.
 
 import resource
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -104,8 +105,8 @@ class Mutator:
 
 
 def resident_mib():
-    with open("/proc/self/statm") as file:  # noqa: PTH123
-        return int(file.read().split()[1]) * resource.getpagesize() / 2**20
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 2**20
 
 
 @pytest.mark.slow

@@ -9,16 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from rerun.experimental import ViewerClient
 
 from companion.cli import main
-from companion.errors import CompanionError
 from companion.review.compare import pair, words
 from companion.review.page import write_page
 from companion.review.pair_show import recorded, write_pair_page
 from companion.review.sources import make_recording, open_flight
 from companion.session.readback import read_recording
-from companion.session.viewer import headless_viewer
 
 PICTURES = Path(__file__).parents[2] / "build" / "pictures"
 """Where CI finds what was rendered."""
@@ -136,12 +133,7 @@ def test_a_damaged_file_is_a_line_and_no_traceback(tmp_path, capfd, name, conten
     assert name in line
 
 
-def test_the_page_of_a_flight_has_the_scene_in_it(logs, tmp_path):
-    try:
-        with headless_viewer((640, 480)) as address:
-            ViewerClient.connect(address).get_state()
-    except CompanionError as error:
-        pytest.skip(str(error))
+def test_the_page_of_a_flight_has_the_scene_in_it(logs, tmp_path, vulkan):
     page = write_page(open_flight(logs[0]), tmp_path).read_text()
     (data,) = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
     PICTURES.mkdir(parents=True, exist_ok=True)

@@ -210,16 +210,6 @@ def rows_of(recording):
     return rows
 
 
-@pytest.fixture(scope="module")
-def vulkan():
-    """Skip where the viewer cannot draw."""
-    try:
-        with headless_viewer((640, 480)) as address:
-            ViewerClient.connect(address).get_state()
-    except CompanionError as error:
-        pytest.skip(str(error))
-
-
 def test_every_tick_is_in_the_recording(session):
     rows = rows_of(session / "session.rrd")
     ticks = 30 * RATE_HZ

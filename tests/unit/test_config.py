@@ -91,5 +91,5 @@ def test_missing_file_is_a_usage_error(tmp_path):
 @pytest.mark.parametrize("text", ["map: env1\nmap: env2\n", "v-max: 2\nv_max: 3\n"])
 def test_a_key_given_twice_is_refused(tmp_path, text):
     (tmp_path / "run.yaml").write_text(text)
-    with pytest.raises(UsageError, match="given twice"):
+    with pytest.raises(UsageError, match="appears twice"):
         load_run_config(tmp_path / "run.yaml")
