@@ -1,6 +1,10 @@
-"""A link on a memory transport, and what an autopilot says on it."""
+"""A link on a memory transport, what an autopilot says on it, and a random city."""
 
+import math
+
+import numpy as np
 import pytest
+import shapely
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.link.opening import attach
@@ -85,3 +89,25 @@ class Bench:
 @pytest.fixture
 def bench(memory_transport, sender):
     return Bench(memory_transport(), sender)
+
+
+@pytest.fixture(scope="session")
+def random_city():
+    """Make footprints and heights of a city of random polygons, most of them concave."""
+
+    def ring_around(rng, center, corners, radius):
+        angle = np.sort(rng.uniform(0.0, 2.0 * math.pi, corners))
+        reach = radius * rng.uniform(0.2, 1.0, corners)
+        ring = center + np.stack((reach * np.cos(angle), reach * np.sin(angle)), axis=1)
+        return ring[::-1] if rng.random() < 0.5 else ring
+
+    def make(seed, count=6):
+        rng = np.random.default_rng(seed)
+        footprints = []
+        while len(footprints) < count:
+            ring = ring_around(rng, rng.uniform(10.0, 90.0, 2), int(rng.integers(3, 10)), 25.0)
+            if shapely.Polygon(ring).is_valid and shapely.Polygon(ring).area > 1.0:
+                footprints.append(ring)
+        return footprints, rng.uniform(10.0, 90.0, count)
+
+    return make

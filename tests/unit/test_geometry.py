@@ -1,4 +1,4 @@
-"""Crash depth, distances and rays against shapely, and on the borders."""
+"""Crash depth and distances against shapely, and on the borders."""
 
 import math
 
@@ -78,24 +78,6 @@ def oracle_distance_m(footprint, height, point):
     return math.hypot(beside, max(0.0, point[2] - height))
 
 
-def blob(rng, center, corners, radius):
-    """A random simple polygon, most often concave: corners around a center."""
-    angle = np.sort(rng.uniform(0.0, 2.0 * math.pi, corners))
-    reach = radius * rng.uniform(0.2, 1.0, corners)
-    ring = center + np.stack((reach * np.cos(angle), reach * np.sin(angle)), axis=1)
-    return ring[::-1] if rng.random() < 0.5 else ring
-
-
-def random_city(seed, count=6):
-    rng = np.random.default_rng(seed)
-    footprints = []
-    while len(footprints) < count:
-        ring = blob(rng, rng.uniform(10.0, 90.0, 2), int(rng.integers(3, 10)), 25.0)
-        if shapely.Polygon(ring).is_valid and shapely.Polygon(ring).area > 1.0:
-            footprints.append(ring)
-    return footprints, rng.uniform(10.0, 90.0, count)
-
-
 coordinates = st.floats(-3.0, 13.0, width=32)
 grid = st.integers(-2, 12).map(float)  # hits corners, walls and roofs
 points = st.tuples(coordinates, coordinates, coordinates)
@@ -122,7 +104,7 @@ def test_pieces_are_few():
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_pieces_of_random_polygons_add_up(seed):
+def test_pieces_of_random_polygons_add_up(random_city, seed):
     for footprint in random_city(seed)[0]:
         pieces = [shapely.Polygon(piece) for piece in convex_pieces(footprint)]
         assert sum(p.area for p in pieces) == pytest.approx(shapely.Polygon(footprint).area)
@@ -147,7 +129,7 @@ def test_depth_agrees_with_shapely_on_the_grid(name, start, end):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_depth_in_overlapping_cities_agrees_with_shapely(seed):
+def test_depth_in_overlapping_cities_agrees_with_shapely(random_city, seed):
     footprints, heights = random_city(seed)
     rng = np.random.default_rng(1000 + seed)
     start, end = rng.uniform(0.0, 100.0, (2, 150, 3))
@@ -236,7 +218,7 @@ def test_depth_of_the_parts_is_the_depth_of_the_whole(name, start, end, fraction
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_signed_distance_agrees_with_shapely(seed):
+def test_signed_distance_agrees_with_shapely(random_city, seed):
     footprints, heights = random_city(seed)
     point = np.random.default_rng(seed).uniform(-20.0, 120.0, (300, 3))
     expected = [
@@ -280,7 +262,7 @@ def test_distance_and_nearest_surface(point, distance, nearest):
 
 
 @given(st.integers(0, 30), points)
-def test_nearest_surface_is_as_far_as_the_distance_says(seed, point):
+def test_nearest_surface_is_as_far_as_the_distance_says(random_city, seed, point):
     footprints, heights = random_city(seed, count=3)
     obstacles = Obstacles(footprints, heights)
     position = 8.0 * np.array(point) + 10.0
@@ -295,7 +277,7 @@ def test_nearest_surface_is_as_far_as_the_distance_says(seed, point):
 
 
 @given(st.integers(0, 30), points, points)
-def test_signed_distance_never_grows_faster_than_one_moves(seed, first, second):
+def test_signed_distance_never_grows_faster_than_one_moves(random_city, seed, first, second):
     """Inside, outside, in overlaps and over roofs: the shield relies on it."""
     obstacles = Obstacles(*random_city(seed, count=3))
     first, second = 8.0 * np.array(first) + 10.0, 8.0 * np.array(second) + 10.0
@@ -304,84 +286,13 @@ def test_signed_distance_never_grows_faster_than_one_moves(seed, first, second):
 
 
 @given(st.integers(0, 30), points, points)
-def test_a_way_shorter_than_the_clearance_is_free(seed, start, direction):
+def test_a_way_shorter_than_the_clearance_is_free(random_city, seed, start, direction):
     obstacles = Obstacles(*random_city(seed, count=3))
     start, direction = 8.0 * np.array(start) + 10.0, np.array(direction)
     clearance = float(obstacles.signed_distance_m(start))
     assume(clearance > 0.0 and np.linalg.norm(direction) > 1e-3)
     end = start + direction / np.linalg.norm(direction) * clearance * 0.999999
     assert obstacles.crash_depth_m(start, end) == 0.0
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_rays_agree_with_shapely(seed):
-    footprints, heights = random_city(seed)
-    obstacles = Obstacles(footprints, heights)
-    polygons = [shapely.Polygon(footprint) for footprint in footprints]
-    rng = np.random.default_rng(seed)
-    point, azimuth = rng.uniform(0.0, 100.0, (40, 3)), rng.uniform(-7.0, 7.0, (40, 9))
-    range_m = 45.0
-    distance, roof = obstacles.horizontal_rays(point, azimuth, range_m)
-    for i, j in np.ndindex(azimuth.shape):
-        place = shapely.Point(point[i, :2])
-        tip = point[i, :2] + range_m * np.array([math.cos(azimuth[i, j]), math.sin(azimuth[i, j])])
-        ray = shapely.LineString([point[i, :2], tip])
-        seen = [
-            (place.distance(cut), height)
-            for polygon, height in zip(polygons, heights, strict=True)
-            if height >= point[i, 2] and not (cut := polygon.intersection(ray)).is_empty
-        ]
-        expected = min((d for d, _ in seen), default=range_m)
-        assert distance[i, j] == pytest.approx(expected, abs=1e-7)
-        roofs = {height for d, height in seen if d < expected + 1e-7} or {0.0}
-        assert roof[i, j] in roofs
-
-
-@pytest.mark.parametrize(
-    ("point", "azimuth", "range_m", "distance", "roof"),
-    [
-        pytest.param([0, 4, 3], 0.0, 9.0, 2.0, 5.0, id="east"),
-        pytest.param([4, 0, 3], math.pi / 2, 9.0, 2.0, 5.0, id="north is a quarter turn"),
-        pytest.param([9, 4, 3], math.pi, 9.0, 3.0, 5.0, id="west"),
-        pytest.param([0, 4, 3], math.pi, 9.0, 9.0, 0.0, id="looking away"),
-        pytest.param([0, 4, 3], 0.0, 2.0, 2.0, 5.0, id="exactly at range"),
-        pytest.param([0, 4, 3], 0.0, 1.999, 1.999, 0.0, id="just out of range"),
-        pytest.param([0, 4, 5], 0.0, 9.0, 2.0, 5.0, id="at the roof's height"),
-        pytest.param([0, 4, 5.001], 0.0, 9.0, 9.0, 0.0, id="over the roof"),
-        pytest.param([4, 4, 3], 0.0, 9.0, 0.0, 5.0, id="from inside"),
-        pytest.param([2, 4, 3], math.pi, 9.0, 0.0, 5.0, id="on a wall, looking away"),
-        pytest.param([0, 0, 0], math.pi / 4, 9.0, math.sqrt(8.0), 5.0, id="into the edge"),
-    ],
-)
-def test_rays_on_the_borders(point, azimuth, range_m, distance, roof):
-    obstacles = Obstacles([SQUARE], [HEIGHT_M])
-    seen = obstacles.horizontal_rays(np.array(point), np.array([azimuth]), range_m)
-    assert seen[0] == pytest.approx(distance)
-    assert seen[1] == roof
-
-
-def test_the_nearer_wall_is_seen_and_the_higher_of_two():
-    behind = SQUARE + np.array([10.0, 0.0])
-    obstacles = Obstacles([behind, SQUARE, SQUARE], [9.0, 5.0, 7.0])
-    distance, roof = obstacles.horizontal_rays(np.array([0.0, 4.0, 1.0]), np.array([0.0]), 50.0)
-    assert (distance[0], roof[0]) == (2.0, 7.0)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_floor_agrees_with_shapely(seed):
-    footprints, heights = random_city(seed)
-    polygons = [shapely.Polygon(footprint) for footprint in footprints]
-    point = np.random.default_rng(seed).uniform(0.0, 100.0, (200, 3))
-    floor = Obstacles(footprints, heights).floor_m(point)
-    for place, height in zip(point, floor, strict=True):
-        over = [h for p, h in zip(polygons, heights, strict=True) if p.covers(shapely.Point(place))]
-        assert height == max(over, default=0.0)
-
-
-def test_floor_includes_the_walls():
-    obstacles = Obstacles([SQUARE], [HEIGHT_M])
-    places = np.array([[2.0, 4.0, 9.0], [2.0 - 1e-9, 4.0, 9.0], [6.0, 6.0, 0.0], [4.0, 4.0, 1.0]])
-    np.testing.assert_array_equal(obstacles.floor_m(places), [5.0, 0.0, 5.0, 5.0])
 
 
 QUESTIONS = {
@@ -396,7 +307,7 @@ QUESTIONS = {
 
 @pytest.mark.parametrize("question", QUESTIONS)
 @pytest.mark.parametrize("count", [0, 1, 3000])
-def test_a_batch_answers_like_its_rows(question, count):
+def test_a_batch_answers_like_its_rows(random_city, question, count):
     """Bit for bit, whatever the chunks."""
     ask = QUESTIONS[question]
     obstacles = Obstacles(*random_city(3))
