@@ -32,6 +32,7 @@ def figures(process_id):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(60.0 * MINUTES + 120.0)
 def test_nothing_grows(constant_actor, tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
