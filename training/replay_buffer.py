@@ -71,6 +71,11 @@ class ReplayBuffer:
         np.take(self._table, rows, axis=0, out=self._batch, mode="clip")
         return self._views
 
+    @property
+    def observations(self) -> Float32Array:
+        """What was acted on, ``(size, n)``; a view, in no order of time."""
+        return self._table[: self.size, : self._cuts[0]]
+
     def state_dict(self) -> dict[str, Any]:
         """Return the stored rows and the place of the next one."""
         return {"table": self._table[: self.size].copy(), "next_row": self._next_row}

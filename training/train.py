@@ -16,6 +16,7 @@ from companion.policy.contract import (
     EvaluationRecord,
     MapContract,
     ObservationContract,
+    SeenContract,
 )
 from sim.guides import Surveyor
 from training.evaluate import Evaluation, Policy, fly_straight
@@ -186,6 +187,7 @@ def contract_of(
         git_revision=record.git_revision,
         command=record.command,
         evaluation=evaluation,
+        seen=SeenContract.of(layout, trainer.buffer.observations) if trainer.buffer.size else None,
     )
 
 

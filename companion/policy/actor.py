@@ -15,7 +15,8 @@ import onnxruntime
 
 from companion.arrays import Float32Array
 from companion.errors import ActorError
-from companion.policy.contract import CONTRACT_KEY, Contract, decode_contract
+from companion.policy.contract import CONTRACT_KEY, Contract, SeenContract, decode_contract
+from companion.policy.measures import MEASURES
 from companion.policy.observation import Layout, describe_layout
 from companion.world.maps import Map
 
@@ -172,7 +173,25 @@ def describe_actor(actor: Actor) -> str:
             f"          flying straight: {100 * record.straight_completion_rate:.1f} %",
             f"          {record.command}",
         ]
-    return "\n".join([*lines, describe_layout(contract.layout)])
+    if contract.seen is None:
+        return "\n".join([*lines, describe_layout(contract.layout)])
+    return "\n".join(
+        [
+            *lines,
+            *_describe_seen(contract.seen),
+            describe_layout(contract.layout, contract.seen.columns),
+        ]
+    )
+
+
+def _describe_seen(seen: SeenContract) -> list[str]:
+    ranges = [
+        f"{name} {low:.3g} to {high:.3g} {MEASURES.get(name, '')}".rstrip()
+        for name, (low, high) in seen.measures.items()
+    ]
+    share = 100.0 * (1.0 - 2.0 * seen.tail)
+    whole = f"{share:g} % of {seen.observations} observations of training"
+    return [f"seen      {', '.join(ranges)};" if ranges else "seen", f"          {whole}"]
 
 
 def _find(path_or_name: str | Path) -> Path:

@@ -3,16 +3,24 @@
 from typing import Any
 
 import msgspec
+import numpy as np
 
+from companion.arrays import Float32Array
 from companion.errors import ActorError
 from companion.policy.action import ActionScaling
+from companion.policy.measures import measures
 from companion.policy.observation import LAYOUTS, Layout
 
 CONTRACT_KEY = "mavlink_companion_contract"
 """Key of the contract in the ONNX file's ``metadata_props``."""
 
-CONTRACT_VERSION = 1
-"""Newest contract this code understands."""
+CONTRACT_VERSION = 2
+"""Newest contract this code understands. Version 2 may say what training has seen."""
+
+_SEEN_TAIL = 0.001
+
+Range = tuple[float, float]
+"""Least and largest."""
 
 
 class ObservationContract(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -53,6 +61,40 @@ class MapContract(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     content_hash: str
 
 
+class SeenContract(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What training has shown the actor; flight goes slower where it leaves it."""
+
+    observations: int
+    """From so many,"""
+    tail: float
+    """of which this share lies below, and this share above each range."""
+    columns: tuple[Range, ...]
+    """Of each column of the layout."""
+    measures: dict[str, Range]
+    """Of what can be read off an observation, by name (``companion.policy.measures``)."""
+
+    def __post_init__(self) -> None:
+        """Refuse ranges that are none.
+
+        Raises:
+            ValueError: If a range does not ascend; msgspec turns it into a ``ValidationError``.
+        """
+        for low, high in (*self.columns, *self.measures.values()):
+            if not low <= high:
+                raise ValueError(f"range {low} to {high} does not ascend")
+
+    @classmethod
+    def of(cls, layout: Layout, observations: Float32Array) -> "SeenContract":
+        """Return the ranges of observations ``(K, columns)``, ``K`` at least 1."""
+        shares = (_SEEN_TAIL, 1.0 - _SEEN_TAIL)
+        low, high = np.quantile(observations, shares, axis=0).tolist()
+        ranges = {
+            name: tuple(np.quantile(values, shares).tolist())
+            for name, values in measures(layout, observations).items()
+        }
+        return cls(len(observations), _SEEN_TAIL, tuple(zip(low, high, strict=True)), ranges)
+
+
 class EvaluationRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One evaluation on held-out cases, with the command that repeats it."""
 
@@ -89,6 +131,8 @@ class Contract(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     command: str
     """The command that made it."""
     evaluation: tuple[EvaluationRecord, ...] = ()
+    seen: SeenContract | None = None
+    """``None``: of before it was noted, or brought along; nothing can be said of it then."""
     contract_version: int = CONTRACT_VERSION
 
     @property
@@ -127,9 +171,15 @@ def decode_contract(text: str, *, file: str) -> Contract:
         contract = msgspec.json.decode(text, type=Contract)
     except msgspec.DecodeError as error:
         raise ActorError(f"actor {file}: contract is wrong: {error}") from error
-    if contract.contract_version != CONTRACT_VERSION:
+    if not 1 <= contract.contract_version <= CONTRACT_VERSION:
         raise ActorError(f"actor {file}: contract version {version} never existed")
     _check_layout(contract.observation, file=file)
+    seen, columns = contract.seen, contract.layout.columns
+    if seen is not None and len(seen.columns) != len(columns):
+        raise ActorError(
+            f"actor {file}: contract is wrong: {len(seen.columns)} ranges seen in training, "
+            f"{len(columns)} columns"
+        )
     return contract
 
 

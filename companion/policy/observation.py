@@ -5,7 +5,7 @@ rises whenever the meaning of a column changes; an actor carries name, version a
 and is refused where they differ.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -355,11 +355,18 @@ def build_observation(
     return np.clip(observation, low, high, out=observation)
 
 
-def describe_layout(layout: Layout) -> str:
-    """Return the layout as a table for people, one line a column."""
+def describe_layout(layout: Layout, seen: Sequence[tuple[float, float]] = ()) -> str:
+    """Return the layout as a table for people, one line a column.
+
+    Args:
+        layout: To be described.
+        seen: What training has shown of each column, if that is known.
+    """
     width = max(len(column) for column in layout.columns)
     lines = [f"layout {layout.name}, version {layout.version}, {len(layout.fields)} columns"]
     for index, field in enumerate(layout.fields):
         bounds = f"{field.low:5.2f} .. {field.high:4.2f}"
+        if seen:
+            bounds += f"  seen {seen[index][0]:5.2f} .. {seen[index][1]:5.2f}"
         lines.append(f"  {index:2d}  {field.name:<{width}}  {bounds}  {field.meaning}")
     return "\n".join(lines)

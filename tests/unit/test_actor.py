@@ -20,6 +20,7 @@ from companion.policy.contract import (
     EvaluationRecord,
     MapContract,
     ObservationContract,
+    SeenContract,
     encode_contract,
 )
 from companion.policy.observation import RAYS, RELATIVE
@@ -27,6 +28,12 @@ from companion.world.maps import load_map
 
 FREE = load_map("free")
 NUM_COLUMNS = len(RELATIVE.fields)
+SEEN = SeenContract(
+    observations=1000,
+    tail=0.001,
+    columns=((-0.25, 0.75),) * NUM_COLUMNS,
+    measures={"speed": (0.0, 6.125), "gap": (6.25, 100.0)},
+)
 
 
 def make_contract(**changes):
@@ -181,6 +188,16 @@ def test_a_file_without_contract_is_refused(tmp_path):
             f"{NUM_COLUMNS - 1} instead of {NUM_COLUMNS}",
             id="column missing",
         ),
+        pytest.param(
+            contract_json(seen={**msgspec.to_builtins(SEEN), "columns": [[0.0, 1.0]]}),
+            f"1 ranges seen in training, {NUM_COLUMNS} columns",
+            id="ranges missing",
+        ),
+        pytest.param(
+            contract_json(seen={**msgspec.to_builtins(SEEN), "measures": {"gap": [9.0, 6.0]}}),
+            "range 9.0 to 6.0 does not ascend",
+            id="range upside down",
+        ),
     ],
 )
 def test_contracts_that_cannot_be_honoured_are_refused(tmp_path, metadata, reason):
@@ -248,6 +265,24 @@ def test_a_speed_above_training_is_refused(tmp_path):
     actor.check_fits(FREE, 8.0)
     with pytest.raises(ActorError, match=r"trained for up to 8 m/s, asked for 8\.1 m/s"):
         actor.check_fits(FREE, 8.1)
+
+
+def test_a_contract_of_before_ranges_were_noted_is_still_good(tmp_path):
+    old = json.loads(contract_json(contract_version=1))
+    del old["seen"]
+    actor = Actor.load(make_file(tmp_path / "a.onnx", metadata=json.dumps(old)))
+    assert actor.contract.seen is None
+    assert "seen" not in describe_actor(actor)
+
+
+def test_what_training_has_seen_is_kept_and_shown(tmp_path):
+    path = make_file(tmp_path / "a.onnx", metadata=make_contract(seen=SEEN))
+    actor = Actor.load(path)
+    assert actor.contract.seen == SEEN
+    text = describe_actor(actor)
+    assert "speed 0 to 6.12 m/s, gap 6.25 to 100 m;" in text
+    assert "99.8 % of 1000 observations of training" in text
+    assert text.count("seen -0.25 ..  0.75") == NUM_COLUMNS
 
 
 def test_the_description_names_what_matters(tmp_path):

@@ -10,6 +10,7 @@ import torch
 
 from companion.errors import ActorError, UsageError
 from companion.policy.actor import Actor
+from companion.policy.contract import SeenContract
 from companion.world.maps import load_map
 from training import train
 from training.export import export_actor, largest_difference
@@ -279,6 +280,9 @@ def test_the_export_flies_what_did_best_on_validation(tmp_path):
     )
     record = actor.contract.evaluation[0]
     assert (record.map_name, record.episodes) == ("free", 20)
+    observations = trainer.buffer.observations
+    assert len(observations) == trainer.buffer.size > 0
+    assert actor.contract.seen == SeenContract.of(trainer.preset.layout, observations)
     assert list((tmp_path / "out").iterdir()) == [tmp_path / "out" / "best.onnx"]
 
 
