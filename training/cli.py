@@ -11,7 +11,7 @@ import tyro
 
 from companion import clock
 from companion.errors import CompanionError, UsageError
-from training.presets import LayoutName, PresetName, StageName
+from training.presets import DeviceName, LayoutName, PresetName, StageName
 
 _NEEDED = ("torch", "onnx", "matplotlib")
 INTERRUPTED = 130
@@ -43,6 +43,8 @@ class Train:
     """Another number of gradient steps than the preset's."""
     beta: float | None = None
     """Another weight of the obstacle penalty than the preset's, in [0, 1)."""
+    device: DeviceName = "cpu"
+    """cuda: the networks on a GPU, the worlds stay on the CPU. Only cpu repeats bit for bit."""
     rerun: Path | None = None
     """Also record the run as a .rrd file for Rerun: curves, and episodes on the map."""
 

@@ -205,6 +205,7 @@ def _record(options: "cli.Train", place: Place, typed: str) -> RunRecord:
         git_revision=git_revision(),
         command=typed,
         preset_digest=preset.digest,
+        device=options.device,
     )
 
 

@@ -5,7 +5,7 @@ in preset ``paper`` unless its documentation says otherwise.
 """
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import torch
@@ -37,8 +37,16 @@ class Losses(NamedTuple):
 class Ddpg:
     """Actor, critic, their targets and optimisers."""
 
-    def __init__(self, observation_size: int, options: DdpgOptions, seed: int) -> None:
+    def __init__(
+        self,
+        observation_size: int,
+        options: DdpgOptions,
+        seed: int,
+        device: torch.device | str = "cpu",
+    ) -> None:
         self.options = options
+        self.device = torch.device(device)
+        # On the CPU whatever the device: a seed then means the same numbers on all of them.
         self.noise_generator = torch.Generator().manual_seed(seed)
 
         # Lines 1 and 2: random actor and critic, targets equal to them.
@@ -47,6 +55,8 @@ class Ddpg:
         self.critic = CriticNetwork(
             observation_size, options.hidden, num_critics, self.noise_generator
         )
+        self.actor.to(self.device)
+        self.critic.to(self.device)
         self.actor_target = copy.deepcopy(self.actor).requires_grad_(False)
         self.critic_target = copy.deepcopy(self.critic).requires_grad_(False)
         self.actor_average = copy.deepcopy(self.actor).requires_grad_(False)
@@ -102,7 +112,7 @@ class Ddpg:
         std = self.options.target_noise
         if std == 0.0:
             return action
-        noise = torch.randn(len(action), ACTION_SIZE, generator=self.noise_generator)
+        noise = self._normal(action.shape)
         return (action + (std * noise).clamp(-2.0 * std, 2.0 * std)).clamp(-1.0, 1.0)
 
     def _distance_to_best(self, observation: Tensor, action: Tensor) -> Tensor:
@@ -112,19 +122,25 @@ class Ddpg:
         """
         half = self.options.best_of_samples // 2
         if half == 0:
-            return torch.zeros(())
+            return torch.zeros((), device=self.device)
         count = int(self.options.best_of_share * len(action))
         own, seen = action[:count], observation[:count]
         with torch.no_grad():
             shape = (half, count, ACTION_SIZE)
-            anywhere = 2.0 * torch.rand(shape, generator=self.noise_generator) - 1.0
-            step = _NEARBY_STD * torch.randn(shape, generator=self.noise_generator)
+            anywhere = 2.0 * self._uniform(shape) - 1.0
+            step = _NEARBY_STD * self._normal(shape)
             candidates = torch.cat((own[None], anywhere, (own + step).clamp(-1.0, 1.0)))
             repeated = seen.expand(len(candidates), -1, -1).flatten(0, 1)
             q = self.critic(repeated, candidates.flatten(0, 1)).amin(dim=0)
             winner = q.view(len(candidates), count).argmax(dim=0)
-            best = candidates[winner, torch.arange(count)]
+            best = candidates[winner, torch.arange(count, device=self.device)]
         return (own - best).square().sum(dim=-1).mean()
+
+    def _normal(self, shape: Sequence[int]) -> Tensor:
+        return torch.randn(shape, generator=self.noise_generator).to(self.device)
+
+    def _uniform(self, shape: Sequence[int]) -> Tensor:
+        return torch.rand(shape, generator=self.noise_generator).to(self.device)
 
     def state_dict(self) -> dict[str, Any]:
         """Return networks, optimisers and the noise's generator."""

@@ -55,6 +55,8 @@ from sim.reward import Reward
 PresetName = Literal["paper", "flight"]
 StageName = Literal["free", "obstacles"]
 LayoutName = Literal["paper", "relative", "rays", "ways"]
+DeviceName = Literal["cpu", "cuda"]
+"""Where the networks live; the worlds stay on the CPU."""
 
 
 @dataclass(frozen=True, slots=True)

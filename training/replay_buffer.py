@@ -30,25 +30,28 @@ class ReplayBuffer:
     """The newest ``capacity`` transitions, one row each.
 
     One preallocated float32 table holds all columns, so that a batch is one gather into memory
-    that is reused, and the fields are views of it.
+    that is reused, and the fields are views of it, or of its copy on another device.
     """
 
-    def __init__(self, capacity: int, observation_size: int, batch_size: int) -> None:
+    def __init__(
+        self,
+        capacity: int,
+        observation_size: int,
+        batch_size: int,
+        device: torch.device | str = "cpu",
+    ) -> None:
         if not 1 <= batch_size <= capacity:
             raise ValueError(f"need 1 <= batch_size <= capacity, got {batch_size}, {capacity}")
         self.capacity = capacity
         self.size = 0
+        self._device = torch.device(device)
         self._next_row = 0
         n = observation_size
         self._cuts = (n, n + ACTION_SIZE, 2 * n + ACTION_SIZE)
         width = 2 * n + ACTION_SIZE + 2
         self._table = np.zeros((capacity, width), dtype=np.float32)
         self._batch = np.zeros((batch_size, width), dtype=np.float32)
-        columns = torch.from_numpy(self._batch)
-        a, b, c = self._cuts
-        self._views = Batch(
-            columns[:, :a], columns[:, a:b], columns[:, b:c], columns[:, c], columns[:, c + 1]
-        )
+        self._batch_tensor = torch.from_numpy(self._batch)
 
     def add(self, transitions: Float32Array) -> None:
         """Store rows as ``Transitions.rows`` builds them, shape ``(K, width)``; the oldest go."""
@@ -69,7 +72,12 @@ class ReplayBuffer:
             raise ValueError("the replay buffer is empty")
         rows = rng.integers(self.size, size=len(self._batch))
         np.take(self._table, rows, axis=0, out=self._batch, mode="clip")
-        return self._views
+        # No copy where the device is the CPU.
+        columns = self._batch_tensor.to(self._device)
+        a, b, c = self._cuts
+        return Batch(
+            columns[:, :a], columns[:, a:b], columns[:, b:c], columns[:, c], columns[:, c + 1]
+        )
 
     @property
     def observations(self) -> Float32Array:

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from companion.errors import UsageError
-from training.presets import LayoutName, PresetName, StageName
+from training.presets import DeviceName, LayoutName, PresetName, StageName
 
 
 class RunRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -32,6 +32,7 @@ class RunRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     command: str
     preset_digest: str = ""
     """Of the preset as it was; runs of before it was noted cannot be told from changed ones."""
+    device: DeviceName = "cpu"
 
 
 class RunFolder:
@@ -89,7 +90,7 @@ class RunFolder:
             UsageError: If there is none, or it cannot be read.
         """
         try:
-            state = torch.load(self.checkpoint_path, weights_only=True)
+            state = torch.load(self.checkpoint_path, map_location="cpu", weights_only=True)
         except FileNotFoundError as error:
             raise UsageError(f"{self.folder} has no checkpoint") from error
         except (RuntimeError, EOFError, pickle.UnpicklingError) as error:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import torch
 
 from companion.errors import UsageError
 from companion.policy.actor import Actor
@@ -23,7 +24,7 @@ from training.evaluate import Evaluation, Policy, fly_straight
 from training.export import export_actor
 from training.networks import ActorNetwork
 from training.places import TEST_CITIES, Place, content_hash
-from training.presets import load_preset
+from training.presets import DeviceName, load_preset
 from training.run_folder import RunFolder, RunRecord
 from training.seeds import Purpose
 from training.trainer import Trainer, fly_cases, network_policy
@@ -54,7 +55,7 @@ def start_run(record: RunRecord, folder: RunFolder) -> Trainer:
         raise UsageError(
             f"{folder.folder} holds a run already: --resume it or choose another --out"
         )
-    trainer = _build(record)
+    trainer = _build(record, record.device)
     if record.init is not None:
         transfer(trainer, RunFolder(Path(record.init)))
     folder.write_record(record)
@@ -69,7 +70,7 @@ def resume_run(folder: RunFolder) -> Trainer:
         UsageError: If there is no run, no checkpoint, or the map or the preset has changed since.
     """
     record = folder.read_record()
-    trainer = _rebuild(record, folder)
+    trainer = _rebuild(record, folder, record.device)
     if content_hash(trainer.maps) != record.map_hash:
         raise UsageError(f"what {trainer.place.label} means has changed since {folder.folder}")
     state = folder.load_checkpoint()
@@ -210,7 +211,12 @@ def stop_on_signal() -> Iterator[Callable[[], bool]]:
             signal.signal(kind, handler)
 
 
-def _build(record: RunRecord) -> Trainer:
+def _build(record: RunRecord, device: DeviceName) -> Trainer:
+    if device == "cuda" and not torch.cuda.is_available():
+        raise UsageError(
+            f"--device cuda: torch {torch.__version__} finds no GPU here: use --device cpu, or "
+            "install a torch built for your GPU"
+        )
     preset = load_preset(
         record.preset,
         record.stage,
@@ -223,11 +229,11 @@ def _build(record: RunRecord) -> Trainer:
         raise UsageError(
             f"layout {preset.layout_name} shows no obstacles: it learns one --map only"
         )
-    return Trainer(preset, place, record.seed)
+    return Trainer(preset, place, record.seed, device)
 
 
-def _rebuild(record: RunRecord, folder: RunFolder) -> Trainer:
-    trainer = _build(record)
+def _rebuild(record: RunRecord, folder: RunFolder, device: DeviceName = "cpu") -> Trainer:
+    trainer = _build(record, device)
     if record.preset_digest != trainer.preset.digest:
         raise UsageError(
             f"preset {record.preset} has changed since {folder.folder}: train again, or go back "

@@ -32,7 +32,9 @@ _LOSSES = ("critic_loss", "actor_loss", "q", "critic_gradient", "actor_gradient"
 class Trainer:
     """One run: worlds, buffer and learner, with everything that a checkpoint must hold."""
 
-    def __init__(self, preset: Preset, place: Place, seed: int) -> None:
+    def __init__(
+        self, preset: Preset, place: Place, seed: int, device: torch.device | str = "cpu"
+    ) -> None:
         self.preset = preset
         self.place = place
         self.maps = place.training_maps()
@@ -58,15 +60,15 @@ class Trainer:
         self._surveyor = Surveyor()
         network_seed = int(generator(seed, Purpose.NETWORKS).integers(2**62))
         num_columns = len(preset.layout.fields)
-        self.learner = Ddpg(num_columns, preset.ddpg, network_seed)
+        self.learner = Ddpg(num_columns, preset.ddpg, network_seed, device)
         # Line 3: the replay buffer.
-        self.buffer = ReplayBuffer(preset.replay_capacity, num_columns, preset.batch_size)
+        self.buffer = ReplayBuffer(preset.replay_capacity, num_columns, preset.batch_size, device)
         self.multi_step = MultiStep(preset.num_steps, preset.ddpg.gamma)
         self._explore_rng = generator(seed, Purpose.EXPLORATION)
         self._replay_rng = generator(seed, Purpose.REPLAY)
         # Line 5: the first observation.
         self._observation = self.world.reset()
-        self.meter = Meter()
+        self.meter = Meter(device)
         self.best = Best()
 
     @property
@@ -210,7 +212,8 @@ def fly_cases(
 @torch.inference_mode()
 def act(network: ActorNetwork, observation: Float32Array) -> Float32Array:
     """Return the network's action, shape ``(N, 3)``, without a graph."""
-    action: Float32Array = network(torch.from_numpy(observation)).numpy()
+    device = network.head.weight.device
+    action: Float32Array = network(torch.from_numpy(observation).to(device)).cpu().numpy()
     return action
 
 
@@ -226,8 +229,10 @@ def network_policy(network: ActorNetwork) -> Policy:
 class Meter:
     """What is averaged between two log lines."""
 
-    def __init__(self) -> None:
-        self._losses, self._updates, self._episodes = torch.zeros(len(_LOSSES)), 0, np.zeros(3)
+    def __init__(self, device: torch.device | str = "cpu") -> None:
+        # Summed on the device: to read a loss at every update would make a GPU wait.
+        self._losses = torch.zeros(len(_LOSSES), device=device)
+        self._updates, self._episodes = 0, np.zeros(3)
 
     def add_losses(self, losses: Losses) -> None:
         """Count one update."""
@@ -242,7 +247,8 @@ class Meter:
         """Return the averages since the last call and start again."""
         updates, sums = self._updates, self._losses.tolist()
         returns, reached, episodes = self._episodes.tolist()
-        self._losses, self._updates, self._episodes = torch.zeros(len(_LOSSES)), 0, np.zeros(3)
+        self._losses = torch.zeros_like(self._losses)
+        self._updates, self._episodes = 0, np.zeros(3)
         return {
             **{n: s / updates if updates else None for n, s in zip(_LOSSES, sums, strict=True)},
             "return": returns / episodes if episodes else None,
@@ -256,8 +262,8 @@ class Meter:
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restore the sums."""
-        self._losses, self._updates = state["losses"], state["updates"]
-        self._episodes = state["episodes"]
+        self._losses = state["losses"].to(self._losses.device)
+        self._updates, self._episodes = state["updates"], state["episodes"]
 
 
 class Best:
@@ -274,7 +280,10 @@ class Best:
         score = (evaluation.completion_rate, evaluation.completion_2m, evaluation.completion_1m)
         if score > self.score:
             self.score, self.source = score, source
-            self.network = {name: value.clone() for name, value in network.state_dict().items()}
+            self.network = {
+                name: value.detach().to("cpu", copy=True)
+                for name, value in network.state_dict().items()
+            }
 
     def state_dict(self) -> dict[str, Any]:
         """Return the best actor and its score."""

@@ -10,7 +10,7 @@ import torch
 from training.ddpg import Ddpg
 from training.networks import ActorNetwork, CriticNetwork, polyak_update
 from training.presets import DdpgOptions
-from training.replay_buffer import Batch
+from training.replay_buffer import Batch, ReplayBuffer
 
 SMALL = DdpgOptions(hidden=(8, 8))
 TWIN = replace(SMALL, twin_critics=True, target_noise=0.1)
@@ -197,3 +197,23 @@ def test_the_stacked_critics_equal_separate_networks():
                 hidden = hidden.relu()
         torch.testing.assert_close(both[index], hidden[:, 0])
     torch.testing.assert_close(both[0], critic.first(batch.observation, batch.action))
+
+
+def test_an_update_touches_one_device_only(monkeypatch):
+    """Torch's meta device computes nothing and, like a GPU, takes no tensor from another one.
+
+    It knows no fused optimiser, which CPUs and GPUs do.
+    """
+    adam = torch.optim.Adam
+    monkeypatch.setattr(torch.optim, "Adam", lambda p, *, lr, fused: adam(p, lr=lr))
+    options = replace(TWIN, best_of_samples=4)
+    learner = Ddpg(5, options, seed=1, device="meta")
+    buffer = ReplayBuffer(64, 5, batch_size=32, device="meta")
+    buffer.add(np.zeros((64, 2 * 5 + 3 + 2), dtype=np.float32))
+    losses = learner.update(buffer.sample(np.random.default_rng(0)))
+    assert {loss.device.type for loss in losses} == {"meta"}
+
+
+def test_a_seed_means_the_same_networks_on_every_device():
+    drawn = [Ddpg(5, TWIN, seed=1, device=device).noise_generator for device in ("cpu", "meta")]
+    assert torch.equal(drawn[0].get_state(), drawn[1].get_state())

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 
 from training import cli, presets, train
 
@@ -66,6 +67,15 @@ def test_options_that_make_no_sense(capsys, tmp_path, monkeypatch, arguments, re
     assert code == 2
     assert reason in message
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_gpu_that_is_not_there(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    out = tmp_path / "run"
+    code, message = failure(capsys, "train", "--device", "cuda", "--out", str(out))
+    assert code == 2
+    assert "finds no GPU here: use --device cpu" in message
+    assert not out.exists()
 
 
 def test_an_actor_that_is_not_there(capsys):
