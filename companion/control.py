@@ -64,6 +64,21 @@ class Mission:
     rate_hz: float
 
 
+@dataclass(frozen=True, slots=True)
+class _Proposed:
+    """A proposal and what it was made from; the same again is not asked twice."""
+
+    proposal: Proposal
+    pose: Pose
+    target_enu_m: FloatArray
+    ways_found: int
+
+    def answers(self, pose: Pose, target_enu_m: FloatArray, guide: Guide) -> bool:
+        """Return whether everything is as it was: no new position, target or way."""
+        same = pose is self.pose and guide.found == self.ways_found
+        return same and bool((target_enu_m == self.target_enu_m).all())
+
+
 class Flight:
     """One run of the loop over one vehicle."""
 
@@ -100,6 +115,7 @@ class Flight:
         self._guide = Guide(mission.map, mission.actor.contract.layout)
         self._supervisor = Supervisor(mission.plan, now_s=self._start_s)
         self._metrics = Metrics(start_s=self._start_s, rate_hz=mission.rate_hz)
+        self._proposed: _Proposed | None = None
         self._policy_failures = 0
         self._heartbeat_due_s = self._start_s
         self._rates_due_s = self._start_s
@@ -146,7 +162,6 @@ class Flight:
         now_s, state = self._vehicle.now_s(), self._vehicle.state()
         pose, frame_moved = self._positions.update(state, self._vehicle.targets())
         events = list(self._vehicle.take_events())
-        self._announcer.events(events)
         target = self._positions.target(now_s)
         proposal = self._propose(pose, target)
         situation = self._situation(now_s, state, pose, frame_moved, target, events)
@@ -168,6 +183,7 @@ class Flight:
             latency_ms = 1e3 * (sent_s - asked_s)
             self._metrics.sent(sent_s, latency_ms)
         self._count(directive, situation, pose, decision)
+        self._announcer.events(events)
         self._announcer.phase(directive, now_s)
         self._record(
             tick_record(
@@ -202,7 +218,8 @@ class Flight:
         mission, known = self._mission, target.position_enu_m
         distance_m = None
         if pose is not None and known is not None:
-            distance_m = float(np.linalg.norm(known - pose.position_enu_m))
+            offset_m = known - pose.position_enu_m
+            distance_m = math.sqrt(float(offset_m @ offset_m))
         trusted = target.tier in (TargetTier.FRESH, TargetTier.COAST)
         foreign = [event.text for event in events if event.kind is EventKind.FOREIGN_SETPOINT]
         return Situation(
@@ -211,7 +228,7 @@ class Flight:
             request=self._vehicle.request_status(),
             target=target.tier,
             target_age_s=0.0 if known is None else target.age_s,
-            target_moving=bool(np.linalg.norm(target.velocity_enu_mps) > MOVING_TARGET_MPS),
+            target_moving=_speed_mps(target.velocity_enu_mps) > MOVING_TARGET_MPS,
             distance_m=distance_m,
             arrived=trusted and distance_m is not None and distance_m < ARRIVAL_RADIUS_M,
             height_m=0.0 if pose is None else pose.height_m,
@@ -236,18 +253,22 @@ class Flight:
         )
 
     def _propose(self, pose: Pose | None, target: TargetEstimate) -> Proposal | None:
-        if pose is None or target.position_enu_m is None:
+        target_enu_m = target.position_enu_m
+        if pose is None or target_enu_m is None:
             return None
-        proposal = propose(
-            self._mission.actor,
-            self._surroundings.around(pose.position_enu_m),
-            position_enu_m=pose.position_enu_m,
-            velocity_enu_mps=pose.velocity_enu_mps,
-            target_enu_m=target.position_enu_m,
-            v_max_mps=self._mission.v_max_mps,
-            ahead=self._guide.ahead(pose.position_enu_m, target.position_enu_m),
-        )
-        usable = bool(np.isfinite(proposal.velocity_enu_mps).all())
+        if self._proposed is None or not self._proposed.answers(pose, target_enu_m, self._guide):
+            proposal = propose(
+                self._mission.actor,
+                self._surroundings.around(pose.position_enu_m),
+                position_enu_m=pose.position_enu_m,
+                velocity_enu_mps=pose.velocity_enu_mps,
+                target_enu_m=target_enu_m,
+                v_max_mps=self._mission.v_max_mps,
+                ahead=self._guide.ahead(pose.position_enu_m, target_enu_m),
+            )
+            self._proposed = _Proposed(proposal, pose, target_enu_m, self._guide.found)
+        proposal = self._proposed.proposal
+        usable = all(map(math.isfinite, proposal.velocity_enu_mps.tolist()))
         self._policy_failures = 0 if usable else self._policy_failures + 1
         return proposal
 
@@ -316,3 +337,7 @@ class Flight:
         return self._metrics.summary(
             outcome, code, reason, now_s=self._vehicle.now_s(), stats=self._vehicle.stats()
         )
+
+
+def _speed_mps(velocity_mps: FloatArray) -> float:
+    return math.sqrt(float(velocity_mps @ velocity_mps))

@@ -48,6 +48,16 @@ class Pose:
     """Above the place where the vehicle last stood."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Posed:
+    """A pose and what it was made from."""
+
+    pose: Pose
+    tie: LocalTie
+    position_ned_m: FloatArray
+    ground_down_m: float
+
+
 class Positions:
     """Owns the tie between map and local frame, and the target's track."""
 
@@ -68,6 +78,7 @@ class Positions:
         self._tied_with_origin = False
         self._frame_epoch: int | None = None
         self._ground_down_m: float | None = None
+        self._posed: _Posed | None = None
         self._geodetic_pending = source.geodetic
         self._apart_since_s: float | None = None
         self.untied = ""
@@ -106,12 +117,7 @@ class Positions:
         if self._tie is None:
             return None, moved
         self._take_reports(self._tie, reports)
-        pose = Pose(
-            self._tie.position_to_map(state.position_ned_m),
-            self._tie.velocity_to_map(state.velocity_ned_mps),
-            self._ground_down_m - down_m,
-        )
-        return pose, moved
+        return self._placed(self._tie, state, self._ground_down_m), moved
 
     def target(self, now_s: float) -> TargetEstimate:
         """Return the target as it stands at ``now_s``."""
@@ -125,6 +131,23 @@ class Positions:
         # A beacon on the ground may read a little below it.
         position_enu_m[2] = max(0.0, position_enu_m[2])
         return position_enu_m
+
+    def _placed(self, tie: LocalTie, state: VehicleState, ground_down_m: float) -> Pose:
+        """Return the vehicle on the map: the very same object while no new position comes."""
+        known = self._posed
+        if (
+            known is None
+            or state.position_ned_m is not known.position_ned_m
+            or tie is not known.tie
+            or ground_down_m != known.ground_down_m
+        ):
+            pose = Pose(
+                tie.position_to_map(state.position_ned_m),
+                tie.velocity_to_map(state.velocity_ned_mps),
+                ground_down_m - float(state.position_ned_m[2]),
+            )
+            known = self._posed = _Posed(pose, tie, state.position_ned_m, ground_down_m)
+        return known.pose
 
     def _look_at_residual(self, state: VehicleState) -> None:
         """Doubt the frame once its two positions have been apart for a while."""

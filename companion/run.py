@@ -29,6 +29,7 @@ from companion.session.records import (
     Record,
     SessionEnd,
     SessionStart,
+    Tick,
     VehicleRecord,
     map_record,
 )
@@ -177,6 +178,8 @@ def _watched(recorder: Recorder) -> Callable[[Record], None]:
 
     def put(record: Record) -> None:
         recorder.put(record)
+        if not isinstance(record, Tick):  # once a turn of the loop is enough
+            return
         for message in recorder.take_messages():
             _LOG.info("recorder: %s", message)
         if not recorder.alive and not said:

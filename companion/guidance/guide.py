@@ -40,6 +40,8 @@ class Guide:
         self._ways: Ways | None = None
         self._made_for_enu_m: FloatArray | None = None
         self._work: Iterator[None] | None = None
+        self.found = 0
+        """How many ways were found; while it stays, the same question has the same answer."""
 
     def ahead(self, position_enu_m: FloatArray, target_enu_m: FloatArray) -> WayAhead | None:
         """Return the way ahead of the vehicle; ``None`` where the actor does not see it.
@@ -97,6 +99,7 @@ class Guide:
         self._grid, self._made_for_enu_m = grid, target_enu_m
         self._ways = Ways([grid], np.zeros(1, dtype=np.int64))
         self._ways.put(0, field)
+        self.found += 1
 
 
 def _far(one_enu_m: FloatArray, other_enu_m: FloatArray, least_m: float) -> bool:

@@ -9,7 +9,7 @@ from typing import Any
 
 from companion.link.codec import Codec, Parser, Received
 from companion.link.signing import Signing
-from companion.link.transport import Peer, Transport
+from companion.link.transport import READS_AT_ONCE, Peer, Transport
 
 Tap = Callable[[bool, float, bytes], None]
 """Called with ``(sent, time_s, frame)`` for every complete frame of both directions."""
@@ -38,8 +38,8 @@ class Connection:
         self._tap = tap
         self._parsers: dict[Peer, Parser] = {}
         self._drained_s = now()
-        self.idle = False
-        """Whether the last ``receive`` found nothing, so that there is time to wait."""
+        self.drained = False
+        """Whether the last ``receive`` took all that was there."""
 
     @property
     def speaks_first(self) -> bool:
@@ -76,7 +76,7 @@ class Connection:
         start_s = self.now()
         self._transport.wait(timeout_s)
         end_s = self.now()
-        if self.idle and end_s - start_s <= timeout_s + _LATE_S:
+        if self.drained and end_s - start_s <= timeout_s + _LATE_S:
             self._drained_s = end_s  # what comes next came just now
 
     def receive(self) -> list[tuple[Peer, Received]]:
@@ -92,10 +92,10 @@ class Connection:
         packets: list[tuple[Peer, Received]] = []
         arrived = self._transport.receive()
         now_s = self.now()
-        self.idle = not arrived
-        if self.idle:
-            self._drained_s = now_s
         time_s = now_s if now_s - self._drained_s <= _LATE_S else self._drained_s
+        self.drained = len(arrived) < READS_AT_ONCE
+        if self.drained:
+            self._drained_s = now_s
         for peer, data in arrived:
             for received in self._parser(peer).receive(data, time_s):
                 if self._tap is not None:

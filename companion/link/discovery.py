@@ -77,7 +77,7 @@ def discover(
         end_s = search.decided_s if search.decided_s is not None else deadline_s
         if connection.now() >= end_s:
             break
-        if connection.idle:
+        if connection.drained:
             connection.wait(min(end_s, next_heartbeat_s) - connection.now())
     return search.result(connection, url, timeout_s)
 

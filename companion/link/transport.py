@@ -20,9 +20,9 @@ Peer = Hashable
 """Who sent some bytes: a socket address for UDP in, always the same value elsewhere."""
 
 _THE_PEER: Peer = "peer"
-_READ_BYTES = 65536
-_READS_AT_ONCE = 64
+READS_AT_ONCE = 64
 """Reads before the clock is looked at again, so that a flood cannot hold the loop."""
+_READ_BYTES = 65536
 _CONNECT_TIMEOUT_S = 5.0
 _KERNEL_BUFFER_BYTES = 1 << 20
 """PX4's 400 packets a second fill the default buffer in half a second."""
@@ -41,7 +41,7 @@ class Transport(Protocol):
         ...
 
     def receive(self) -> list[tuple[Peer, bytes]]:
-        """Return what is there, by peer, oldest first; empty if nothing is.
+        """Return all that is there, by peer, oldest first, in at most ``READS_AT_ONCE`` chunks.
 
         Raises:
             LinkLostError: If the stream has ended or the port is gone.
@@ -124,7 +124,7 @@ class _UdpIn(_Socket):
 
     def receive(self) -> list[tuple[Peer, bytes]]:
         datagrams: list[tuple[Peer, bytes]] = []
-        for _ in range(_READS_AT_ONCE):
+        for _ in range(READS_AT_ONCE):
             try:
                 data, peer = self._socket.recvfrom(_READ_BYTES)
             except BlockingIOError:
@@ -165,7 +165,7 @@ class _UdpOut(_Socket):
 
     def receive(self) -> list[tuple[Peer, bytes]]:
         datagrams: list[tuple[Peer, bytes]] = []
-        for _ in range(_READS_AT_ONCE):
+        for _ in range(READS_AT_ONCE):
             try:
                 data = self._socket.recv(_READ_BYTES)
             except BlockingIOError:
@@ -186,10 +186,31 @@ class _UdpOut(_Socket):
             self.send_errors += 1
 
 
-class _Tcp(_Socket):
-    """A TCP client. Half a packet is finished before the next; while it waits, others drop."""
+class _Stream(_Waiting):
+    """Bytes without borders from the one that is there."""
 
     speaks_first = True
+
+    def _read(self) -> bytes:
+        """Return some of what is there, nothing if nothing is; raise if the stream has ended."""
+        raise NotImplementedError
+
+    def receive(self) -> list[tuple[Peer, bytes]]:
+        chunks: list[tuple[Peer, bytes]] = []
+        try:
+            while len(chunks) < READS_AT_ONCE and (data := self._read()):
+                chunks.append((_THE_PEER, data))
+        except LinkLostError:
+            if not chunks:  # else what came before the end counts, and the next call tells
+                raise
+        return chunks
+
+    def reply_to(self, peer: Peer) -> None:
+        pass
+
+
+class _Tcp(_Socket, _Stream):
+    """A TCP client. Half a packet is finished before the next; while it waits, others drop."""
 
     def __init__(self, address: TcpCall) -> None:
         try:
@@ -202,19 +223,16 @@ class _Tcp(_Socket):
         super().__init__(opened)
         self._unsent = b""
 
-    def receive(self) -> list[tuple[Peer, bytes]]:
+    def _read(self) -> bytes:
         try:
             data = self._socket.recv(_READ_BYTES)
         except BlockingIOError:
-            return []
+            return b""
         except OSError as error:
             raise LinkLostError(f"the TCP link broke: {_reason(error)}") from error
         if not data:
             raise LinkLostError("the other side closed the TCP link")
-        return [(_THE_PEER, data)]
-
-    def reply_to(self, peer: Peer) -> None:
-        pass
+        return data
 
     def send(self, data: bytes) -> None:
         if self._unsent:
@@ -235,10 +253,8 @@ class _Tcp(_Socket):
             return 0
 
 
-class _Serial(_Waiting):
+class _Serial(_Stream):
     """A serial port. pyserial opens and sets it up; bytes move over its descriptor."""
-
-    speaks_first = True
 
     def __init__(self, address: SerialLine) -> None:
         super().__init__()
@@ -254,19 +270,16 @@ class _Serial(_Waiting):
     def fileno(self) -> int:
         return int(self._port.fileno())
 
-    def receive(self) -> list[tuple[Peer, bytes]]:
+    def _read(self) -> bytes:
         try:
             if not select.select([self.fileno()], [], [], 0.0)[0]:
-                return []
+                return b""
             data = os.read(self.fileno(), _READ_BYTES)
         except OSError as error:
             raise LinkLostError(f"serial port {self._device} failed: {_reason(error)}") from error
         if not data:  # ready, and yet nothing: that is how an unplugged port looks
             raise LinkLostError(f"serial port {self._device} is gone; is it unplugged?")
-        return [(_THE_PEER, data)]
-
-    def reply_to(self, peer: Peer) -> None:
-        pass
+        return data
 
     def send(self, data: bytes) -> None:
         try:

@@ -123,7 +123,7 @@ class MavlinkVehicle:
             now_s = self.now_s()
             if now_s >= deadline_s:
                 return
-            if self._connection.idle:
+            if self._connection.drained:
                 self._connection.wait(min(deadline_s, next_s) - now_s)
 
     def state(self) -> VehicleState | None:
@@ -242,7 +242,7 @@ class MavlinkVehicle:
         deadline_s = self.now_s() + timeout_s
         while not is_done() and self.now_s() < deadline_s:
             next_s = self._step()
-            if self._connection.idle:
+            if self._connection.drained:
                 self._connection.wait(min(deadline_s, next_s) - self.now_s())
 
     # -- what comes in ---------------------------------------------------------------------

@@ -15,12 +15,14 @@ from pathlib import Path
 from typing import IO, Literal
 
 from companion.clock import now_s
-from companion.session.records import Record, encode_record
+from companion.session.records import Inputs, Raw, Record, encode_record
 
 LiveView = Literal["off", "serve", "spawn"]
 
 _PIPE_BYTES = 1 << 20
 _BACKLOG_BYTES = 8 << 20  # minutes of a busy link
+_PORTION_BYTES = 1 << 16
+"""Handed over by one system call: all records of a turn of the loop."""
 
 
 class Recorder:
@@ -43,7 +45,8 @@ class Recorder:
         self._backlog: deque[bytes] = deque()
         self._backlog_bytes = 0
         self._backlog_limit = backlog_bytes
-        self._begun = b""  # rest of a record of which the pipe has taken a part
+        self._begun = b""  # rest of a portion of which the pipe has taken a part
+        self._begun_records = 0
         self._said = b""
         self._process = subprocess.Popen(
             [sys.executable, "-m", f"{__package__}.recorder_process", str(folder), live],
@@ -63,7 +66,11 @@ class Recorder:
         return self._process.pid
 
     def put(self, record: Record) -> None:
-        """Hand over one record; returns at once and never raises."""
+        """Hand over one record; returns at once and never raises.
+
+        What the link says goes with the next record of another kind: once a turn of the loop, after
+        the setpoint has left.
+        """
         if not self.alive:
             self.dropped += 1
             return
@@ -74,7 +81,8 @@ class Recorder:
             return
         self._backlog.append(data)
         self._backlog_bytes += len(data)
-        self._drain()
+        if not isinstance(record, Raw | Inputs):
+            self._drain()
         while self._backlog_bytes > self._backlog_limit:
             self._backlog_bytes -= len(self._backlog.popleft())
             self.dropped += 1
@@ -114,18 +122,27 @@ class Recorder:
         try:
             while self._begun or self._backlog:
                 if not self._begun:
-                    self._begun = self._backlog.popleft()
-                    self._backlog_bytes -= len(self._begun)
+                    self._begin_portion()
                 self._begun = self._begun[os.write(self._inlet.fileno(), self._begun) :]
         except BlockingIOError:
             return
         except OSError:  # the process is gone: EPIPE
             self._give_up()
 
+    def _begin_portion(self) -> None:
+        """Take the oldest records of the backlog together."""
+        portion: list[bytes] = []
+        size = 0
+        while self._backlog and size < _PORTION_BYTES:
+            portion.append(self._backlog.popleft())
+            size += len(portion[-1])
+        self._begun, self._begun_records = b"".join(portion), len(portion)
+        self._backlog_bytes -= size
+
     def _give_up(self) -> None:
         """Take no more records; what was not written is lost."""
         self.alive = False
-        self.dropped += len(self._backlog) + bool(self._begun)
+        self.dropped += len(self._backlog) + (self._begun_records if self._begun else 0)
         self._backlog.clear()
         self._backlog_bytes = 0
         self._begun = b""

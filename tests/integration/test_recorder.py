@@ -112,6 +112,18 @@ def test_everything_handed_over_is_written(tmp_path, recorder):
     assert frames_in(tmp_path / "flight.tlog") == 500
 
 
+def test_what_the_link_says_goes_with_the_next_tick(tmp_path, recorder):
+    recorder.put(START)
+    log = tmp_path / "flight.tlog"
+    wait_until(log.exists)
+    for frame in heartbeats(100):
+        recorder.put(Raw(False, 0.0, frame))
+    sleep_s(0.3)
+    assert frames_in(log) == 0
+    recorder.put(tick(0))
+    wait_until(lambda: frames_in(log) == 100)
+
+
 def test_closing_twice_is_harmless(recorder):
     assert recorder.close(PATIENCE_S)
     assert recorder.close(PATIENCE_S)
@@ -121,6 +133,7 @@ def test_a_killed_recorder_is_noticed_and_leaves_a_readable_log(tmp_path, record
     recorder.put(START)
     for frame in heartbeats(100):
         recorder.put(Raw(False, 0.0, frame))
+    recorder.put(tick(0))
     wait_until(lambda: (tmp_path / "flight.tlog").exists())
     wait_until(lambda: frames_in(tmp_path / "flight.tlog") == 100)
     os.kill(recorder.process_id, signal.SIGKILL)
@@ -145,6 +158,8 @@ def test_a_stopped_recorder_costs_the_oldest_records_only(tmp_path):
     sent = 2000
     for index in range(sent):  # more than the pipe and the backlog hold
         recorder.put(Raw(False, index / 20, b"\xfe\x08" + bytes([index % 256] * 1014)))
+        if index % 10 == 9:
+            recorder.put(tick(index))
     assert recorder.alive
     assert 0 < recorder.dropped < sent
     last = next(iter(heartbeats(1)))

@@ -136,6 +136,33 @@ def test_a_broken_policy_never_moves_the_vehicle(constant_actor, monkeypatch):
     assert all(not velocity.any() for _, velocity in spy.sent)
 
 
+class Seldom(Spy):
+    """Tells a new position in every third tick only."""
+
+    looks, known = 0, None
+
+    def state(self):
+        if self.looks % 3 == 0:
+            self.known = self.vehicle.state()
+        self.looks += 1
+        return self.known
+
+
+def test_the_policy_is_asked_once_for_each_position_and_answers_every_tick(
+    constant_actor, monkeypatch
+):
+    asked = []
+    act = Actor.act
+    monkeypatch.setattr(Actor, "act", lambda self, seen: asked.append(1) or act(self, seen))
+    vehicle = Seldom(SimVehicle(FREE, rng=np.random.default_rng(1)))
+    asked.clear()
+    summary, _, records = fly(constant_actor(), vehicle=vehicle)
+    ticks = [record for record in records if isinstance(record, Tick)]
+    assert summary.outcome == "arrived"
+    assert all(tick.action for tick in ticks)
+    assert len(ticks) / 3 - 1 <= len(asked) <= len(ticks) / 3 + 1
+
+
 def test_straight_at_an_obstacle_never_touches_it(constant_actor):
     summary, spy, records = fly(constant_actor(), city=ENV1, target=(85.0, 80.0, 15.0))
     assert spy.contacts == 0
