@@ -20,6 +20,7 @@ from companion.policy.action import (
     action_to_displacement_m,
     action_to_velocity_mps,
     bearing_to_target_rad,
+    polar_to_target_rad,
 )
 from companion.policy.observation import Layout, build_observation
 from companion.world.maps import Map
@@ -174,7 +175,7 @@ class CityWorld:
 
     @property
     def aim_enu_m(self) -> FloatArray:
-        """What psi is measured from and the view is turned to: the way's aim, or the target."""
+        """What angles are measured from and the view is turned to: the way's aim, or the target."""
         return self._target_enu_m if self._ahead is None else self._ahead.aim_enu_m
 
     def map_of(self, world: int) -> Map:
@@ -199,17 +200,19 @@ class CityWorld:
             raise ValueError(f"action must be {shape}, got {action.shape}")
         if not np.isfinite(action).all():
             raise ValueError("action must be finite: a vehicle at nan would never come back")
-        bearing_rad = bearing_to_target_rad(self.estimate_enu_m, self.aim_enu_m)
+        estimate_enu_m, aim_enu_m = self.estimate_enu_m, self.aim_enu_m
+        bearing_rad = bearing_to_target_rad(estimate_enu_m, aim_enu_m)
+        polar_rad = polar_to_target_rad(estimate_enu_m, aim_enu_m)
         if self.dynamics.lag is None:
             start_enu_m = self._motion.position_enu_m
             self._motion.jump(
-                action_to_displacement_m(action, self.scaling, self.edge_m, bearing_rad),
+                action_to_displacement_m(action, self.scaling, self.edge_m, bearing_rad, polar_rad),
                 self.size_m,
                 dt_s=self.dt_s,
             )
             return self._finish(*self._judged(start_enu_m))
         return self.follow(
-            action_to_velocity_mps(action, self.scaling, self.v_max_mps, bearing_rad)
+            action_to_velocity_mps(action, self.scaling, self.v_max_mps, bearing_rad, polar_rad)
         )
 
     def follow(self, setpoint_enu_mps: FloatArray) -> StepResult:

@@ -8,7 +8,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from companion.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from companion.policy.action import bearing_to_target_rad, displacement_to_action
+from companion.policy.action import (
+    bearing_to_target_rad,
+    displacement_to_action,
+    polar_to_target_rad,
+)
 from companion.world.maps import Map
 from sim.world import CityWorld
 from training.evaluate import maps_with_worlds
@@ -51,8 +55,13 @@ class PlanAndTrack:
             goal_m[rows[~known]] = target_m[rows[~known]]
             hidden = rows[~_in_sight(city, position_m[rows], goal_m[rows])]
             goal_m[hidden] = _farthest_in_sight(city, position_m[hidden], self._way_enu_m[hidden])
-        bearing_rad = bearing_to_target_rad(position_m, world.aim_enu_m)
-        return displacement_to_action(goal_m - position_m, world.scaling, world.edge_m, bearing_rad)
+        return displacement_to_action(
+            goal_m - position_m,
+            world.scaling,
+            world.edge_m,
+            bearing_to_target_rad(position_m, world.aim_enu_m),
+            polar_to_target_rad(position_m, world.aim_enu_m),
+        )
 
     def _plan(self, start_m: FloatArray, target_m: FloatArray) -> FloatArray:
         """Return all ways, filled up with their targets to the same number of points."""

@@ -18,6 +18,7 @@ from companion.policy.action import (
     ActionScaling,
     bearing_to_target_rad,
     displacement_to_action,
+    polar_to_target_rad,
 )
 from companion.policy.observation import Layout
 from companion.world.maps import Map
@@ -66,9 +67,12 @@ class Evaluation(msgspec.Struct, frozen=True):
 def fly_straight(world: CityWorld, observation: Float32Array) -> FloatArray:
     """Fly straight at the target: the floor that says how hard the cases are."""
     position_enu_m, target_enu_m = world.position_enu_m, world.target_enu_m
-    bearing_rad = bearing_to_target_rad(position_enu_m, world.aim_enu_m)
     return displacement_to_action(
-        target_enu_m - position_enu_m, world.scaling, world.edge_m, bearing_rad
+        target_enu_m - position_enu_m,
+        world.scaling,
+        world.edge_m,
+        bearing_to_target_rad(position_enu_m, world.aim_enu_m),
+        polar_to_target_rad(position_enu_m, world.aim_enu_m),
     )
 
 

@@ -17,6 +17,7 @@ from companion.policy.action import (
     ActionScaling,
     action_to_velocity_mps,
     bearing_to_target_rad,
+    polar_to_target_rad,
 )
 from companion.policy.observation import Layout
 from companion.world.maps import Map
@@ -199,6 +200,7 @@ class Guard:
             world.scaling,
             world.v_max_mps,
             bearing_to_target_rad(position_m, world.aim_enu_m),
+            polar_to_target_rad(position_m, world.aim_enu_m),
         )
         sent_mps = np.empty_like(wanted_mps)
         for row, shield in enumerate(self._shields):

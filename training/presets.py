@@ -46,7 +46,12 @@ from typing import Literal
 import msgspec
 
 from companion.errors import UsageError
-from companion.policy.action import PAPER_SCALING, TARGET_SCALING, ActionScaling
+from companion.policy.action import (
+    AIM_SCALING,
+    PAPER_SCALING,
+    TARGET_SCALING,
+    ActionScaling,
+)
 from companion.policy.observation import LAYOUTS, Layout
 from sim.dynamics import Disturbance, VelocityLag, VerticalLimits
 from sim.motion import Dynamics
@@ -158,8 +163,10 @@ class Preset:
 
     @property
     def scaling(self) -> ActionScaling:
-        """Return the action's meaning: psi is measured the way the layout sees the target."""
+        """Return the action's meaning: angles are measured the way the layout sees the target."""
         scaling = PAPER_SCALING if self.layout_name == "paper" else TARGET_SCALING
+        if self.layout.shows_way:
+            scaling = AIM_SCALING
         return msgspec.structs.replace(scaling, rho_max=self.rho_max)
 
     @property
@@ -243,7 +250,7 @@ _FLIGHT_FREE = Preset(
     rho_max=0.1,
     world=WorldOptions(
         horizon=60,
-        reward=Reward(beta=0.96, arrival_weight=9.0, keep_m=1.0, keep_weight=0.02),
+        reward=Reward(beta=0.96, arrival_weight=9.0, keep_m=2.0, keep_weight=0.02),
         restart_probability=0.02,
         arrived_restart_probability=0.2,
         dynamics=_FLYING,

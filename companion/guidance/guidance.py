@@ -7,6 +7,7 @@ import numpy as np
 from companion.arrays import Float32Array, FloatArray
 from companion.policy.action import (
     bearing_to_target_rad,
+    polar_to_target_rad,
     spherical_to_displacement,
     to_spherical,
 )
@@ -50,7 +51,7 @@ def propose(
         velocity_enu_mps: Of the vehicle, shape ``(3,)``.
         target_enu_m: Shape ``(3,)``.
         v_max_mps: Speed of the longest step the actor can ask for: ``v_max * rho / rho_max``.
-        ahead: The way ahead, for actors that see it; psi is then measured from its aim.
+        ahead: The way ahead, for actors that see it; psi and phi are then measured from its aim.
 
     Returns:
         The proposal. An actor that answers with NaN gets a NaN velocity here: it is for the
@@ -68,7 +69,10 @@ def propose(
     scaling = actor.contract.action
     aim_enu_m = target_enu_m if ahead is None else ahead.aim_enu_m
     rho, phi_rad, psi_rad = to_spherical(
-        action, scaling, bearing_to_target_rad(position_enu_m, aim_enu_m)
+        action,
+        scaling,
+        bearing_to_target_rad(position_enu_m, aim_enu_m),
+        polar_to_target_rad(position_enu_m, aim_enu_m),
     )
     return Proposal(
         observation=observation,

@@ -154,7 +154,8 @@ def describe_actor(actor: Actor) -> str:
         f"edge      {dynamics.edge_m:g} m, flies on {edges}",
         f"step      {step}; speed {v_max}; velocity lag {lag_text}",
         f"action    rho {scaling.rho_min:g} to {scaling.rho_max:g} of the edge, "
-        f"phi {scaling.polar_low_rad:.4g} to {scaling.polar_high_rad:.4g} rad,",
+        f"phi {scaling.polar_low_rad:.4g} to {scaling.polar_high_rad:.4g} rad"
+        + (" around the target," if scaling.polar_reference == "target" else ","),
         f"          psi {scaling.azimuth_low_rad:.4g} to {scaling.azimuth_high_rad:.4g} rad, "
         + ("from map east" if scaling.azimuth_reference == "absolute" else "from the target"),
         f"trained   preset {contract.preset}, stage {contract.stage}, seed {contract.seed}, "

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from companion.policy.action import (
+    AIM_SCALING,
     MIN_BEARING_DISTANCE_M,
     PAPER_SCALING,
     TARGET_SCALING,
@@ -16,12 +17,14 @@ from companion.policy.action import (
     action_to_velocity_mps,
     bearing_to_target_rad,
     displacement_to_action,
+    polar_to_target_rad,
     spherical_to_displacement,
     to_spherical,
 )
 
 EDGE_M = 100.0
 actions = arrays(np.float64, (5, 3), elements=st.floats(-1.0, 1.0))
+polars = st.floats(0.0, np.pi)
 bearings = st.floats(-np.pi, np.pi)
 
 
@@ -78,6 +81,39 @@ def test_the_wrap_of_a_target_azimuth_lies_behind(bearing_rad):
     )
 
 
+@given(bearings, polars)
+def test_the_zero_action_flies_at_an_aim_above_or_below(bearing_rad, polar_rad):
+    moved = action_to_displacement_m(np.zeros(3), AIM_SCALING, EDGE_M, bearing_rad, polar_rad)
+    expected = spherical_to_displacement(np.array(10.0), polar_rad, bearing_rad)
+    np.testing.assert_allclose(moved, expected, atol=1e-12)
+
+
+@given(bearings, polars)
+def test_every_direction_stays_within_reach_of_an_aim(bearing_rad, polar_rad):
+    for phi, up_m in ((-1.0, 20.0), (1.0, -20.0)):
+        action = np.array((1.0, phi, 0.0))
+        moved = action_to_displacement_m(action, AIM_SCALING, EDGE_M, bearing_rad, polar_rad)
+        np.testing.assert_allclose(moved, (0.0, 0.0, up_m), atol=1e-9)
+
+
+def test_an_aim_without_its_polar_angle_is_refused():
+    with pytest.raises(ValueError, match="polar angle"):
+        action_to_displacement_m(np.zeros(3), AIM_SCALING, EDGE_M, 0.0)
+    with pytest.raises(ValueError, match="polar angle"):
+        displacement_to_action(np.ones(3), AIM_SCALING, EDGE_M, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("target", "polar_rad"),
+    [((0, 0, 9), 0.0), ((0, 0, -9), np.pi), ((3, 4, 5), np.pi / 4), ((0, 0, 0), np.pi / 2)],
+)
+def test_polar_angle_of_a_target(target, polar_rad):
+    start = np.array((7.0, 8.0, 9.0))
+    assert polar_to_target_rad(start, start + target) == pytest.approx(polar_rad)
+    batch = polar_to_target_rad(np.zeros((2, 3)), np.array([target, target], dtype=float))
+    np.testing.assert_allclose(batch, polar_rad)
+
+
 @given(actions, bearings)
 def test_batches_equal_single_rows(action, bearing_rad):
     batch = action_to_displacement_m(action, TARGET_SCALING, EDGE_M, np.full(5, bearing_rad))
@@ -104,12 +140,15 @@ def test_velocity_is_the_displacement_in_rho_max_per_v_max(action, bearing_rad):
 @given(
     arrays(np.float64, (5, 3), elements=st.floats(-11.0, 11.0)),
     bearings,
-    st.sampled_from([PAPER_SCALING, TARGET_SCALING]),
+    polars,
+    st.sampled_from([PAPER_SCALING, TARGET_SCALING, AIM_SCALING]),
 )
-def test_round_trip_keeps_a_displacement_that_one_step_can_make(moved, bearing_rad, scaling):
-    action = displacement_to_action(moved, scaling, EDGE_M, bearing_rad)
+def test_round_trip_keeps_a_displacement_that_one_step_can_make(
+    moved, bearing_rad, polar_rad, scaling
+):
+    action = displacement_to_action(moved, scaling, EDGE_M, bearing_rad, polar_rad)
     assert (np.abs(action) <= 1.0).all()
-    again = action_to_displacement_m(action, scaling, EDGE_M, bearing_rad)
+    again = action_to_displacement_m(action, scaling, EDGE_M, bearing_rad, polar_rad)
     np.testing.assert_allclose(again, moved, atol=1e-9)
 
 
