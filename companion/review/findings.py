@@ -8,10 +8,12 @@ import numpy as np
 from companion.arrays import BoolArray
 from companion.session.flight import CurveData, Flight
 from companion.session.records import Event
+from companion.session.report import is_usual
 from companion.vehicle import Severity
 
 _SHORT_S = 0.5  # states this short are not worth a line of their own
 _LATE_MS = 50.0  # a tick at 20 Hz
+_FLYING = ("engaged", "holding")
 _BAND_FINDINGS = {
     ("target", "coast"): "no news of the target: its last velocity was carried on",
     ("target", "hold"): "no news of the target: too old to chase",
@@ -19,19 +21,11 @@ _BAND_FINDINGS = {
     ("shield", "inside the margin"): "the vehicle was INSIDE THE MARGIN",
     ("shield", "blocked"): "the shield found no safe way on",
 }
-_USUAL = ("blind travel ", "done: ")
-"""What the companion says with emphasis in a flight where nothing is wrong."""
 
 
 def is_grave(event: Event) -> bool:
     """Return whether a line should not be missed."""
-    return event.severity <= Severity.WARNING and not _is_usual(event.text)
-
-
-def _is_usual(text: str) -> bool:
-    return text.startswith(_USUAL) or (
-        text.startswith("handing over") and "from the target" in text
-    )
+    return event.severity <= Severity.WARNING and not is_usual(event.text)
 
 
 def findings(flight: Flight) -> list[Event]:
@@ -59,7 +53,7 @@ def _of_curves(flight: Flight) -> Iterator[Event]:
             yield from _too_old(ages, name, limit_s)
     loop = flight.curves.get("plots/health/loop")
     if loop is not None:
-        yield from _too_late(loop)
+        yield from _too_late(loop, flight.bands.get("companion", []))
 
 
 def _too_close(clearance: CurveData) -> Iterator[Event]:
@@ -80,11 +74,16 @@ def _too_old(ages: CurveData, name: str, limit_s: float) -> Iterator[Event]:
         yield _line(float(time_s[begin]), text)
 
 
-def _too_late(loop: CurveData) -> Iterator[Event]:
+def _too_late(loop: CurveData, states: list[tuple[float, str]]) -> Iterator[Event]:
+    """Tell of turns that came late while setpoints flew the vehicle."""
     time_s, late_ms = loop.line("behind its deadline")
-    late = late_ms > _LATE_MS
+    began = np.searchsorted([begin_s for begin_s, _ in states], time_s, side="right") - 1
+    flying = np.array([word in _FLYING for _, word in states] + [False])[began]
+    late = (late_ms > _LATE_MS) & flying
     if late.any():
-        text = f"the control loop was late {late.sum()} times, by up to {late_ms.max():.0f} ms"
+        worst_ms = late_ms[late].max()
+        times = "once" if late.sum() == 1 else f"{late.sum()} times"
+        text = f"the control loop was late {times}, by up to {worst_ms:.0f} ms"
         yield _line(float(time_s[int(np.argmax(late))]), text)
 
 

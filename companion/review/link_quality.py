@@ -9,21 +9,13 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from companion.link.statustext import TextAssembler
 from companion.review.log_file import Frame
 from companion.review.story import Message, Story
+from companion.session.curves import CHARTED
 from companion.session.records import Event, Source
 from companion.vehicle import Severity
 
 _SILENCE_S = 1.5
 _MANY_PERCENT = 2.0
 _PLAIN = {message_id: message.msgname for message_id, message in dialect.mavlink_map.items()}
-_CHARTED = (
-    "HEARTBEAT",
-    "LOCAL_POSITION_NED",
-    "GLOBAL_POSITION_INT",
-    "ATTITUDE",
-    "GPS_RAW_INT",
-    "SYS_STATUS",
-    "SET_POSITION_TARGET_LOCAL_NED",
-)
 
 
 class LinkQuality:
@@ -54,7 +46,7 @@ class LinkQuality:
         if int(frame.time_s) != self._second:
             self._next_second(int(frame.time_s))
         name = self._names.get(frame.message_id, "")
-        if name in _CHARTED:
+        if name in CHARTED:
             self._in_second[name] += 1
         self._in_second["all messages"] += 1
         if story.is_autopilot(frame):

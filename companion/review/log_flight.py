@@ -10,6 +10,7 @@ import numpy as np
 from companion.arrays import FloatArray
 from companion.errors import MapError
 from companion.review.log_story import LogStory
+from companion.review.recordings import found_lines
 from companion.session.colors import Color
 from companion.session.flight import NOWHERE, City, CurveData, Flight, Track
 from companion.session.log_curves import LOG_CURVES
@@ -28,7 +29,6 @@ from companion.world.maps import Map
 
 _LEAST_SIDE_M = 40.0
 _RIM = 0.15
-_MOST_FINDINGS = 6
 
 
 def log_start(story: LogStory, city: Map | None) -> tuple[SessionStart, list[Tick]]:
@@ -186,12 +186,8 @@ def _page(story: LogStory) -> str:
         for event in story.events
         if event.severity <= Severity.WARNING and event.source == "review"
     ]
-    lines = [f"- **{event.time_s:.1f} s** {event.text}" for event in grave[:_MOST_FINDINGS]]
-    if len(grave) > _MOST_FINDINGS:
-        lines.append(f"- and {len(grave) - _MOST_FINDINGS} more: see the messages")
-    found = "\n".join(lines)
     return (
-        f"#### {headline(story)}\n\n{found}\n\n{rows}\n\n"
+        f"#### {headline(story)}\n\n{found_lines(grave)}\n\n{rows}\n\n"
         f"{story.vehicle_name}. {_date(story.start_utc_us)}. "
         "The colour of the path is that of the flight mode.\n"
     )

@@ -15,6 +15,7 @@ from companion.review.findings import findings, is_grave
 from companion.review.plan_svg import plan
 from companion.review.svg import Span, bands, clock_text, plot
 from companion.review.words import spoken
+from companion.session.curves import CHARTED, RATES_PATH, RATES_TITLE
 from companion.session.flight import CurveData, Flight
 from companion.session.records import Event
 
@@ -141,7 +142,9 @@ def _moments(shield: CurveData, span: Span) -> str:
 
 def _rates(flight: Flight, span: Span) -> list[str]:
     rates = [
-        curve for path, curve in flight.curves.items() if path.startswith("plots/health/rates/")
+        flight.curves[path]
+        for path in (f"{RATES_PATH}/{name}" for name in CHARTED)
+        if path in flight.curves
     ]
     if not rates:
         return []
@@ -153,9 +156,7 @@ def _rates(flight: Flight, span: Span) -> list[str]:
             values[rows[time_s], column] = row[0]
     names = tuple(curve.names[0] for curve in rates)
     shades = tuple(curve.colors[0] for curve in rates)
-    together = CurveData(
-        "plots/health/rates", "Messages [Hz]", names, shades, np.array(times), values
-    )
+    together = CurveData(RATES_PATH, RATES_TITLE, names, shades, np.array(times), values)
     return [plot(together, span)]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from companion.errors import UsageError
-from companion.review.sources import make_recording
+from companion.review.recordings import make_recordings
 from companion.session import viewer
 from companion.session.flight import Flight
 from companion.session.records import map_record
@@ -23,14 +23,14 @@ def open_viewer(flight: Flight) -> str:
     Raises:
         UsageError: If there is nothing to open, or Rerun is not installed.
     """
-    recording = make_recording(flight, Path(tempfile.mkdtemp(prefix="companion-review-")))
+    recordings = make_recordings(flight, Path(tempfile.mkdtemp(prefix="companion-review-")))
     if not viewer.has_display():
         return (
             "no display here: copy the recording to a desk and open it there with\n"
-            f"  rerun {shlex.quote(str(recording))}"
+            f"  rerun {shlex.join(map(str, recordings))}"
         )
-    viewer.open_viewer(str(recording))
-    return f"opened {recording}"
+    viewer.open_viewer(*map(str, recordings))
+    return f"opened {recordings[0]}"
 
 
 def render_png(
@@ -57,10 +57,10 @@ def render_png(
     if not png.absolute().parent.is_dir():
         raise UsageError(f"cannot write {png}: there is no folder {png.parent}")
     with tempfile.TemporaryDirectory(prefix="companion-review-") as folder:
-        recording = make_recording(flight, Path(folder))
+        recordings = make_recordings(flight, Path(folder))
         from companion.session.picture import render
 
-        render(recording, png, at_s=at_s, size=size, views=views)
+        render(recordings, png, at_s=at_s, size=size, views=views)
 
 
 def show_map(city: Map) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from companion.errors import CompanionError, MapError, UsageError
+from companion.errors import MapError, UsageError
 from companion.review.log_flight import log_flight
 from companion.review.log_story import read_story
 from companion.session import viewer
@@ -51,26 +51,6 @@ def open_flight(path: Path, map_name: str | None = None) -> Flight:
         flight.path = path
         return _with_summary(flight, flight.summary)
     return log_flight(read_story(path), None if map_name is None else load_map(map_name))
-
-
-def make_recording(flight: Flight, folder: Path) -> Path:
-    """Return a recording that the viewer opens; of a log one is written into ``folder``.
-
-    Raises:
-        UsageError: If there is nothing to record, or Rerun is not installed.
-        CompanionError: If it cannot be written.
-    """
-    if flight.recording is not None:
-        return flight.recording
-    if flight.write_recording is None:
-        raise UsageError(f"{flight.path} has neither recording nor frames: nothing to show")
-    viewer.viewer_binary()
-    recording = folder / f"{flight.path.stem}.rrd"
-    try:
-        flight.write_recording(recording)
-    except (OSError, RuntimeError) as error:
-        raise CompanionError(f"cannot write {recording}: {error}") from error
-    return recording
 
 
 def check_session(session: Path) -> None:
@@ -211,7 +191,7 @@ def _add_story(flight: Flight, log: Path) -> None:
         if event.source == "review"
     ]
     flight.events.sort(key=lambda event: event.time_s)
-    for name in ("gps", "estimator", "link", "status"):
+    for name in ("gps", "estimator", "link", "status", "geofence", "contacts"):
         if name in story.story.bands:
             changes = story.story.bands[name]
             flight.bands[name] = [(time_s + late_s, word) for time_s, word in changes]

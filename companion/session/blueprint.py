@@ -14,8 +14,12 @@ from companion.session.views import (
     page,
     plan_view,
     plot,
+    rates,
     series,
 )
+
+_MOST_NAMES = 8
+"""A legend of more would hide its plot."""
 
 
 def blueprint(start: SessionStart, *, live: bool) -> rrb.Blueprint:
@@ -29,7 +33,8 @@ def blueprint(start: SessionStart, *, live: bool) -> rrb.Blueprint:
     plots = [
         page("Flight", flight, start, window),
         page("Velocity", (curves.EAST, curves.NORTH, curves.UP), start, window),
-        _policy(start, window),
+        page("Policy", (curves.ACTION, curves.RHO, curves.ANGLES), start, window),
+        _observation(start, window),
         _health(start, window),
     ]
     scenes = [city_view(start.map), plan_view(start.map), chase_view(start.map)]
@@ -48,7 +53,7 @@ def log_blueprint(start: SessionStart) -> rrb.Blueprint:
         page("Velocity", log_curves.VELOCITY, start, ALWAYS),
         rrb.Vertical(
             *(plot(curve, start, ALWAYS) for curve in log_curves.HEALTH),
-            series(curves.RATES_PATH, curves.RATES_TITLE, ALWAYS),
+            rates(ALWAYS),
             name="Health",
         ),
     ]
@@ -63,13 +68,14 @@ def map_blueprint(city: MapRecord) -> rrb.Blueprint:
     return rrb.Blueprint(city_view(city), collapse_panels=True)
 
 
-def _policy(start: SessionStart, window: rrb.TimeRange) -> rrb.Vertical:
-    shown = (plot(curve, start, window) for curve in (curves.ACTION, curves.RHO, curves.ANGLES))
-    observation = series(curves.OBSERVATION_PATH, curves.OBSERVATION_TITLE, window, legend=False)
-    return rrb.Vertical(*shown, observation, name="Policy")
+def _observation(start: SessionStart, window: rrb.TimeRange) -> rrb.Vertical:
+    shown = (
+        series(path, curves.observation_title(path), window, legend=len(columns) < _MOST_NAMES)
+        for path, columns in curves.observation_groups(start.actor.columns).items()
+    )
+    return rrb.Vertical(*shown, name="Observation")
 
 
 def _health(start: SessionStart, window: rrb.TimeRange) -> rrb.Vertical:
     shown = (plot(curve, start, window) for curve in (curves.LOOP, curves.AGES, curves.BATTERY))
-    rates = series(curves.RATES_PATH, curves.RATES_TITLE, window)
-    return rrb.Vertical(*shown, rates, name="Health")
+    return rrb.Vertical(*shown, rates(window), name="Health")

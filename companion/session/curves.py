@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,8 +19,18 @@ class Line:
     """One line of a plot: what the legend says, its colour and width in points."""
 
     name: str
+    """What the legend says; of a limit with its value: ``margin {margin_m:g} m``."""
     color: Color
     width: float = 1.8
+
+    def named(self, start: SessionStart) -> "Line":
+        """Return the line with the value of its limit in its name."""
+        name = self.name.format(
+            margin_m=start.margin_m,
+            v_max_mps=start.v_max_mps,
+            arrival_radius_m=start.arrival_radius_m,
+        )
+        return replace(self, name=name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,15 +98,16 @@ _MEASURED = Line("measured", colors.MEASURED)
 DISTANCE = Curve(
     "plots/distance",
     "Distance to target [m]",
-    (Line("to target", colors.TARGET), Line("arrival", colors.LIMIT, 1.0)),
+    (Line("to target", colors.TARGET), Line("arrival {arrival_radius_m:g} m", colors.LIMIT, 1.0)),
     lambda tick, start: _limit(tick.distance_m, start.arrival_radius_m),
     lambda start: (0.0, math.hypot(*start.map.size_m[:2])),
 )
 CLEARANCE = Curve(
     "plots/clearance",
     "Clearance of obstacles and ground [m]",
-    (Line("clearance", colors.MEASURED), Line("margin", colors.DANGER, 1.0)),
+    (Line("clearance", colors.MEASURED), Line("margin {margin_m:g} m", colors.DANGER, 1.0)),
     lambda tick, start: _limit(tick.clearance_m, start.margin_m),
+    legend_left=True,
 )
 ALTITUDE = Curve(
     "plots/altitude",
@@ -108,7 +119,7 @@ ALTITUDE = Curve(
 SPEED = Curve(
     "plots/speed",
     "Speed [m/s]",
-    (Line("v_max", colors.LIMIT, 1.0), Line("sent", colors.SENT), _MEASURED),
+    (Line("v_max {v_max_mps:g} m/s", colors.LIMIT, 1.0), Line("sent", colors.SENT), _MEASURED),
     lambda tick, start: (
         *_limit(_norm(tick.velocity_enu_mps), start.v_max_mps)[1:],
         _norm(tick.safe_enu_mps),
@@ -170,10 +181,34 @@ CURVES = (
 
 RATES_PATH = "plots/health/rates"
 """One entity for each message name: names are not known beforehand."""
-RATES_TITLE = "Messages received [Hz]"
+RATES_TITLE = "Messages [Hz]"
+CHARTED = (
+    *("HEARTBEAT", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "ATTITUDE"),
+    *("GPS_RAW_INT", "SYS_STATUS", "SET_POSITION_TARGET_LOCAL_NED"),
+)
+"""Messages whose rates are shown; those of others are recorded too."""
 OBSERVATION_PATH = "plots/policy/observation"
-"""The columns of the actor's layout."""
+"""Columns of the actor's layout; those of the rays are beside it, ``plots/policy/wall``."""
 OBSERVATION_TITLE = "Observation"
+
+
+def observation_groups(columns: Sequence[str]) -> dict[str, list[int]]:
+    """Return the columns of each plot of the observation by its path; rays have their own."""
+    groups: dict[str, list[int]] = {}
+    for index, column in enumerate(columns):
+        name, _, number = column.rpartition("_")
+        path = f"plots/policy/{name}" if number.isdigit() else OBSERVATION_PATH
+        groups.setdefault(path, []).append(index)
+    return groups
+
+
+def observation_title(path: str) -> str:
+    """Return what is written over a plot of the observation."""
+    if path == OBSERVATION_PATH:
+        return OBSERVATION_TITLE
+    return f"Observation: {path.rpartition('/')[2]} by ray"
+
+
 INTERVENED = Line("shield", colors.SHIELDED, 2.5)
 INTERVENED_PATH = "plots/clearance/shield"
 """A point at the clearance of every tick at which the shield changed the velocity."""

@@ -27,10 +27,14 @@ class CurveData:
     """Shape ``(N, lines)``; NaN is a gap."""
 
     def line(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Return times and values of one line, without its gaps; empty if there is no such line."""
-        if name not in self.names:
+        """Return times and values of one line, without its gaps; empty if there is no such line.
+
+        The names of limits go on with their value: ``margin`` finds ``margin 2 m``.
+        """
+        found = [full for full in self.names if full == name or full.startswith(f"{name} ")]
+        if not found:
             return np.empty(0), np.empty(0)
-        values = self.values[:, self.names.index(name)]
+        values = self.values[:, self.names.index(found[0])]
         known = np.isfinite(values)
         return self.time_s[known], values[known]
 

@@ -21,17 +21,17 @@ _TIMELINE = "session"
 
 
 def render(
-    recording: Path,
+    recordings: Sequence[Path],
     png: Path,
     *,
     at_s: float | None,
     size: tuple[int, int],
     views: Sequence[str] = (),
 ) -> None:
-    """Render ``recording`` at ``at_s``, or at its end, into ``png``.
+    """Render ``recordings`` at ``at_s``, or at the end, into ``png``.
 
     Args:
-        recording: What to open.
+        recordings: What to open: one recording, and layers over it.
         png: The picture; overwritten.
         at_s: Time since the start.
         size: Of the window, pixels.
@@ -43,7 +43,7 @@ def render(
     """
     with headless_viewer(size) as address:
         client = ViewerClient.connect(address)
-        end_s = _load(client, recording)
+        end_s = _load(client, recordings)
         sleep_s(_TOAST_S)
         time_s = end_s if at_s is None else min(max(0.0, at_s), end_s)
         client.set_time(_TIMELINE, duration=time_s, play_state="paused")
@@ -72,16 +72,16 @@ def _view_id(client: ViewerClient, names: Sequence[str]) -> str | None:
     return None
 
 
-def _load(client: ViewerClient, recording: Path) -> float:
-    """Load the recording and return where its timeline ends, in seconds."""
+def _load(client: ViewerClient, recordings: Sequence[Path]) -> float:
+    """Load the recordings and return where their timeline ends, in seconds."""
     deadline_s = now_s() + _LOAD_S
-    client.open([str(recording)])
+    client.open([str(recording) for recording in recordings])
     while client.get_state().loading:
         if now_s() > deadline_s:
-            raise CompanionError(f"the viewer did not load {recording} within {_LOAD_S:.0f} s")
+            raise CompanionError(f"the viewer did not load {recordings[0]} in {_LOAD_S:.0f} s")
         sleep_s(0.1)
     for found in client.get_state().recordings:
         for timeline in found.timelines:
             if timeline.name == _TIMELINE and timeline.end is not None:
                 return timeline.end / 1e9
-    raise CompanionError(f"{recording} holds nothing to show")
+    raise CompanionError(f"{recordings[0]} holds nothing to show")

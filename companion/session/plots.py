@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 import rerun as rr
 
 from companion.session import curves
@@ -22,12 +23,12 @@ class Plots:
         self._rates: set[str] = set()
         self._curves = curves.CURVES if start.actor.name else LOG_CURVES
         for curve in self._curves:
-            writer.static(curve.path, _style(curve.lines))
+            writer.static(curve.path, _style([line.named(start) for line in curve.lines]))
         columns = start.actor.columns
-        writer.static(
-            curves.OBSERVATION_PATH,
-            _style([Line(name, cycle(index), 1.2) for index, name in enumerate(columns)]),
-        )
+        self._observed = curves.observation_groups(columns)
+        for path, shown in self._observed.items():
+            lines = [Line(columns[column], cycle(index), 1.2) for index, column in enumerate(shown)]
+            writer.static(path, _style(lines))
         shield = curves.INTERVENED
         writer.static(
             curves.INTERVENED_PATH,
@@ -62,8 +63,10 @@ class Plots:
     def _send_observation(self, ticks: Sequence[Tick]) -> None:
         rows = [(tick.time_s, tick.observation) for tick in ticks if tick.observation is not None]
         if rows:
-            time_s, observation = zip(*rows, strict=True)
-            self._writer.scalars(curves.OBSERVATION_PATH, time_s, observation)
+            time_s, observations = zip(*rows, strict=True)
+            observation = np.array(observations)
+            for path, shown in self._observed.items():
+                self._writer.scalars(path, time_s, observation[:, shown])
 
     def _send_rates(self, ticks: Sequence[Tick]) -> None:
         rows: dict[str, list[tuple[float, float]]] = {}

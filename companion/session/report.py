@@ -1,11 +1,24 @@
 """The report of a session in words: what ``review`` prints and the viewer shows."""
 
-from datetime import UTC, datetime
+from collections.abc import Sequence
 
 from companion.session.records import SessionStart
 from companion.session.summary import Summary
 
+LEGEND = (
+    "Path: **blue** the policy flew, **orange** the shield changed it, **red** inside the margin, "
+    "**grey** the policy did not fly; in the plan, from **red** to **blue**: clearance. "
+    "Arrows: **yellow** proposed, **green** sent, **blue** measured. "
+    "**Violet**: rays that met a wall, and the way the actor was shown."
+)
+"""What the colours of the scene mean, Markdown."""
 _MARKDOWN_COLUMNS = 2  # of names and values: that is what a laptop shows
+_PANEL = (
+    *("Duration", "Distance flown", "Final distance to target", "Smallest clearance"),
+    *("Highest speed", "Shield interventions"),
+    *("Battery", "Latency, p99", "Packets lost", "Actor", "Map", "Vehicle"),
+)
+"""Rows of the panel, in order; the others are in ``review --text`` and in the plots."""
 
 
 def facts(summary: Summary) -> list[tuple[str, str]]:
@@ -37,8 +50,8 @@ def result_line(summary: Summary) -> str:
 
 
 def markdown(start: SessionStart, summary: Summary | None) -> str:
-    """Return the summary panel of the viewer."""
-    vehicle, began = start.vehicle, datetime.fromtimestamp(start.start_utc_us / 1e6, UTC)
+    """Return the summary panel of the viewer, as long as nobody has reviewed the session."""
+    vehicle = start.vehicle
     result = "no result: still running, or cut off"
     rows: list[tuple[str, str]] = []
     if summary is not None:
@@ -48,20 +61,25 @@ def markdown(start: SessionStart, summary: Summary | None) -> str:
         ("Actor", start.actor.name),
         ("Map", start.map.name),
         ("Vehicle", f"{vehicle.system_id}: {vehicle.autopilot} {vehicle.version}"),
-        ("v_max, margin", f"{start.v_max_mps:g} m/s, {start.margin_m:g} m"),
     ]
-    rows += [("", "")] * (-len(rows) % _MARKDOWN_COLUMNS)
-    height = len(rows) // _MARKDOWN_COLUMNS
-    lines = [[cell for row in rows[line::height] for cell in row] for line in range(height)]
+    return "\n\n".join((f"#### {result}", table(rows), LEGEND)) + "\n"
+
+
+def table(rows: Sequence[tuple[str, str]]) -> str:
+    """Return what of ``rows`` the panel has room for, as Markdown."""
+    known = {name.lower(): (name, value) for name, value in rows}
+    shown = [known[name.lower()] for name in _PANEL if name.lower() in known]
+    shown += [("", "")] * (-len(shown) % _MARKDOWN_COLUMNS)
+    height = len(shown) // _MARKDOWN_COLUMNS
+    lines = [[cell for row in shown[line::height] for cell in row] for line in range(height)]
     lines.insert(1, ["---", "---"] * _MARKDOWN_COLUMNS)  # the first row is the table's head
-    table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    return (
-        f"#### {result}\n\n{table}\n\n"
-        "Path: blue = the policy flew, orange = the shield changed it, red = inside the margin, "
-        "grey = the policy did not fly; in the plan, from red to blue = clearance. "
-        "Arrows: yellow = proposed, green = sent, blue = measured. "
-        "Violet: rays that met a wall, and the way the actor was shown. "
-        f"Began {began:%Y-%m-%d %H:%M:%S} UTC.\n"
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def is_usual(text: str) -> bool:
+    """Return whether the companion says this with emphasis where nothing is wrong."""
+    return text.startswith(("blind travel ", "done: ")) or (
+        text.startswith("handing over") and "from the target" in text
     )
 
 

@@ -32,7 +32,7 @@ from companion.session.moving import Moving
 from companion.session.plan import Plan
 from companion.session.plots import Plots
 from companion.session.records import Event, Mark, SessionStart, Tick
-from companion.session.report import markdown
+from companion.session.report import is_usual, markdown
 from companion.session.summary import Summary
 from companion.session.writer import StreamWriter
 from companion.vehicle import Severity
@@ -58,9 +58,16 @@ def send_events(writer: StreamWriter, events: Sequence[Event], root: str = "log"
             if event.source == source
             for text in _folded(event.text)
         ]
-        levels = [_LEVELS.get(line.severity, rr.TextLogLevel.ERROR) for line in lines]
+        levels = [_level(line) for line in lines]
         columns = rr.TextLog.columns(text=[line.text for line in lines], level=levels)
         writer.columns(f"{root}/{source}", [_told_s(line.time_s) for line in lines], columns)
+
+
+def _level(event: Event) -> rr.TextLogLevel:
+    """Return the viewer's word for how grave a line is; an arrival is not."""
+    if event.severity is Severity.WARNING and event.text.startswith("handing over"):
+        return rr.TextLogLevel.INFO if is_usual(event.text) else rr.TextLogLevel.WARN
+    return _LEVELS.get(event.severity, rr.TextLogLevel.ERROR)
 
 
 def _folded(text: str) -> list[str]:
@@ -81,6 +88,7 @@ class SessionLog:
         self._stream = stream
         self._start = start
         self._writer = StreamWriter(stream, start.start_utc_us)
+        self._marks: dict[str, Mark] = {}
         stream.send_recording_name(f"{start.map.name} {start.session_id}")
         stream.send_recording_start_time_nanos(start.start_utc_us * 1000)
         map_, actor, vehicle = start.map, start.actor, start.vehicle
@@ -109,8 +117,9 @@ class SessionLog:
 
     def mark(self, mark: Mark) -> None:
         """Put a label on the map."""
-        path = f"world/marks/{rr.escape_entity_path_part(mark.label)}"
-        self._writer.static(path, scene.mark(mark))
+        self._marks[mark.label] = mark
+        shapes = scene.marks(list(self._marks.values()), max(self._start.map.size_m[:2]))
+        self._writer.static("world/marks", shapes)
 
     def end(self, summary: Summary) -> None:
         """Log how the session ended, for people and as columns of a table of sessions."""

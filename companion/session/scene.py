@@ -4,7 +4,7 @@ Coordinates are the map's: ENU, z up. The shape of the vehicle is in its body fr
 y left, z up, and drawn several times its size: a real one would be a speck in its city.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import rerun as rr
@@ -18,6 +18,8 @@ from companion.session.records import MapRecord, Mark
 VEHICLE_SIZE = 0.022
 """Arm of the drawn vehicle as a fraction of the map's longest side."""
 _ALARMING = ("closest", "stood down", "holding", "contact")
+_LEAVING = "handing over"  # to be read as: this is why
+_MARK_ROOM = 0.06  # of the map's edge
 _CIRCLE = 24  # corners of a drawn circle
 _LOW_COLOR = np.array([96, 108, 130])
 _HIGH_COLOR = np.array([160, 168, 190])
@@ -60,16 +62,39 @@ def vehicle_shapes(edge_m: float) -> dict[str, rr.AsComponents]:
     return {"body": _quadrotor(VEHICLE_SIZE * edge_m), "dot": _dot(colors.BODY)}
 
 
-def mark(record: Mark) -> rr.Points3D:
-    """Return a labelled point, red for what went wrong or nearly so."""
-    color = colors.DANGER if record.label.startswith(_ALARMING) else colors.BODY
+def marks(records: Sequence[Mark], edge_m: float) -> rr.Points3D:
+    """Return labelled points, red for what went wrong or nearly so; those of one place share one.
+
+    Args:
+        records: What is marked, oldest first.
+        edge_m: Longest side of the map; labels nearer than a part of it would overlap.
+    """
+    places: list[list[Mark]] = []
+    for record in records:
+        for together in places:
+            apart_m = np.subtract(record.position_enu_m, together[0].position_enu_m)
+            if np.linalg.norm(apart_m) < _MARK_ROOM * edge_m:
+                together.append(record)
+                break
+        else:
+            places.append([record])
+    alarming = [any(one.label.startswith(_ALARMING) for one in place) for place in places]
     return rr.Points3D(
-        [record.position_enu_m],
+        [place[0].position_enu_m for place in places],
         radii=rr.Radius.ui_points(5.0),
-        colors=[color],
-        labels=[record.label],
+        colors=[colors.DANGER if alarm else colors.BODY for alarm in alarming],
+        labels=["\n".join(_short(one.label) for one in place) for place in places],
         show_labels=True,
     )
+
+
+def _short(label: str) -> str:
+    """Return a label, ``phase [reason]``, in as few words as tell it: labels hide each other."""
+    phase, _, code = label.partition(" [")
+    reason = code.rstrip("]").replace("_", " ")
+    if phase == _LEAVING:
+        return reason
+    return f"{phase}: {reason}" if reason not in ("", phase) else phase
 
 
 def line_style(color: Color | tuple[int, int, int, int], width: float) -> rr.AsComponents:

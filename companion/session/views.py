@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 from rerun.blueprint.archetypes import VisibleTimeRanges
 
 from companion.arrays import FloatArray
-from companion.session import colors
+from companion.session import colors, curves
 from companion.session.curves import Curve
 from companion.session.records import MapRecord, SessionStart
 
@@ -160,18 +160,26 @@ def series(
     title: str,
     window: rrb.TimeRange,
     *,
+    contents: Sequence[str] = ("$origin/**",),
     axis_y: rrb.ScalarAxis | None = None,
     corner: rrb.Corner2D = rrb.Corner2D.RightTop,
     legend: bool = True,
 ) -> rrb.TimeSeriesView:
-    """Return the plot of everything under ``origin``."""
+    """Return the plot of everything under ``origin``, or of a part of it."""
     return rrb.TimeSeriesView(
         origin=origin,
+        contents=list(contents),
         name=title,
         axis_x=rrb.archetypes.TimeAxis(view_range=window),
         axis_y=axis_y,
         plot_legend=rrb.PlotLegend(corner=corner, visible=legend),
     )
+
+
+def rates(window: rrb.TimeRange) -> rrb.TimeSeriesView:
+    """Return the plot of message rates: of those that a flight rests on."""
+    shown = [f"+ /{curves.RATES_PATH}/{name}" for name in curves.CHARTED]
+    return series(curves.RATES_PATH, curves.RATES_TITLE, window, contents=shown)
 
 
 def assemble(

@@ -14,7 +14,8 @@ from companion.cli import main
 from companion.review.compare import pair, words
 from companion.review.page import write_page
 from companion.review.pair_show import recorded, write_pair_page
-from companion.review.sources import make_recording, open_flight
+from companion.review.recordings import make_recordings
+from companion.review.sources import open_flight
 from companion.session.readback import read_recording
 
 PICTURES = Path(__file__).parents[2] / "build" / "pictures"
@@ -84,7 +85,8 @@ def test_any_log_is_told_and_shown_on_a_page(logs, tmp_path, no_driver):
 
 def test_a_log_becomes_a_recording_that_reads_the_same(logs, tmp_path):
     flight = open_flight(logs[1])
-    again = read_recording(make_recording(flight, tmp_path))
+    (recording,) = make_recordings(flight, tmp_path)
+    again = read_recording(recording)
     modes = [[word for _, word in each.bands["mode"]] for each in (again, flight)]
     assert modes[0] == modes[1]
     assert sorted(event.text for event in again.events) == sorted(

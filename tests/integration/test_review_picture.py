@@ -13,6 +13,7 @@ from rerun.experimental import ViewerClient
 
 from companion.clock import sleep_s
 from companion.errors import CompanionError, UsageError
+from companion.review.recordings import make_recordings
 from companion.review.show import open_viewer, render_png
 from companion.review.sources import open_flight
 from companion.review.words import brief, report
@@ -249,6 +250,28 @@ def test_the_picture_is_not_blank(session, vulkan):
         assert picture.size == (1280, 720)
         scene = np.asarray(picture.convert("L"), dtype=float)[60:480, :740]
     assert scene.std() > 10.0
+
+
+def test_what_the_review_found_lies_over_the_recording(session, tmp_path):
+    before = (session / "session.rrd").read_bytes()
+    recording, layer = make_recordings(open_flight(session), tmp_path)
+    assert recording == session / "session.rrd"
+    assert recording.read_bytes() == before
+    ids = {
+        (entry.application_id, entry.recording_id)
+        for path in (recording, layer)
+        for entry in RrdReader(str(path)).recordings()
+    }
+    assert len(ids) == 1
+    page = str(
+        next(
+            chunk.to_record_batch().column("TextDocument:text")[0]
+            for chunk in RrdReader(str(layer)).stream()
+            if str(chunk.entity_path) == "/summary"
+        )
+    )
+    assert "followed the target" in page
+    assert "target silent" in page
 
 
 def test_the_report_fits_a_terminal(session):

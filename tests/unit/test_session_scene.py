@@ -5,8 +5,15 @@ import pytest
 import shapely
 
 from companion.session.curves import CURVES, DISTANCE, SPEED
-from companion.session.records import ActorRecord, MapRecord, SessionStart, Tick, VehicleRecord
-from companion.session.scene import _roof, _walls
+from companion.session.records import (
+    ActorRecord,
+    MapRecord,
+    Mark,
+    SessionStart,
+    Tick,
+    VehicleRecord,
+)
+from companion.session.scene import _roof, _walls, marks
 from companion.session.views import SLOPE_ACROSS as _SLOPE_ACROSS
 from companion.session.views import SLOPE_UP as _SLOPE_UP
 from companion.session.views import stand_back as _stand_back
@@ -112,3 +119,18 @@ def test_every_curve_has_a_value_for_each_line_or_none_at_all(curve):
     assert np.isfinite(values).all()
     time_s, _ = curve.rows([Tick(time_s=0.0)], START)
     assert len(time_s) == 0
+
+
+def test_marks_of_one_place_share_a_label_and_say_nothing_twice():
+    records = [
+        Mark("engaged [engaged]", [10.0, 10.0, 20.0]),
+        Mark("stood down [failsafe]", [60.0, 40.0, 20.0]),
+        Mark("closest to an obstacle", [62.0, 40.0, 20.0]),
+        Mark("handing over [no_progress]", [90.0, 50.0, 40.0]),
+    ]
+    points = marks(records, 100.0)
+    assert points.labels.as_arrow_array().to_pylist() == [
+        "engaged",
+        "stood down: failsafe\nclosest to an obstacle",
+        "no progress",
+    ]
