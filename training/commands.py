@@ -273,6 +273,12 @@ def _print_evaluations(console: Console, results: dict[str, Evaluation], typed: 
             f"{result.shield_interventions} interventions, {result.seconds:.1f} s",
             highlight=False,
         )
+        if result.out_of_reach:
+            console.print(
+                f"  out of reach for whoever keeps the shield's margin: {result.out_of_reach} of "
+                f"{result.episodes} targets",
+                highlight=False,
+            )
         if result.min_clearance_m is not None:
             values = ", ".join(f"{p} {v:.2f} m" for p, v in result.min_clearance_m.items())
             console.print(f"  smallest clearance: {values}", highlight=False)

@@ -62,6 +62,9 @@ class Evaluation(msgspec.Struct, frozen=True):
     inside one. ``None`` on a map without obstacles, or where it was not measured."""
     shield_interventions: int
     seconds: float
+    out_of_reach: int | None = None
+    """Cases that nothing could complete, as there is no way that keeps the shield's margin
+    (``training.reach``): failures like the others. ``None`` without a shield."""
 
 
 def fly_straight(world: CityWorld, observation: Float32Array) -> FloatArray:
@@ -184,7 +187,12 @@ def _clearance_m(city: Map, start_enu_m: FloatArray, end_enu_m: FloatArray) -> F
 
 
 def summarise(
-    ended: EpisodeEnd, clearance_m: FloatArray, *, interventions: int = 0, seconds: float
+    ended: EpisodeEnd,
+    clearance_m: FloatArray,
+    *,
+    interventions: int = 0,
+    out_of_reach: int | None = None,
+    seconds: float,
 ) -> Evaluation:
     """Return what came of cases.
 
@@ -193,6 +201,7 @@ def summarise(
         clearance_m: Smallest distance to an obstacle until arrival, ``(N,)``; infinite where it
             was not measured.
         interventions: Of the shield.
+        out_of_reach: Cases that a vehicle with the shield could not complete.
         seconds: What it took.
     """
     episodes = len(ended.reached)
@@ -221,6 +230,7 @@ def summarise(
         min_clearance_m=percentiles,
         shield_interventions=interventions,
         seconds=seconds,
+        out_of_reach=out_of_reach,
     )
 
 

@@ -27,6 +27,7 @@ from sim.guides import Surveyor
 from sim.motion import Dynamics
 from sim.world import CityWorld
 from training.evaluate import ARRIVAL_RADIUS_M, Evaluation, Policy, summarise
+from training.reach import out_of_reach
 from training.seeds import Purpose, generator
 
 RATE_HZ = 20.0
@@ -112,6 +113,9 @@ def evaluate_loop(
     linger = np.full(episodes, round(LINGER_S * RATE_HZ))
     over: BoolArray = np.zeros(episodes, dtype=np.bool_)
     observation = world.reset()
+    beyond = None
+    if guard is not None and not moving:
+        beyond = out_of_reach(world, margin_m=guard.margin_m, radius_m=ARRIVAL_RADIUS_M)
     for _ in range(world.horizon - 1):
         action = policy(world, observation)
         result = world.step(action) if guard is None else world.follow(guard.check(world, action))
@@ -141,6 +145,7 @@ def evaluate_loop(
         books.closed,
         clearance_m,
         interventions=0 if guard is None else guard.interventions,
+        out_of_reach=None if beyond is None else int(beyond.sum()),
         seconds=now_s() - began_s,
     )
 
@@ -186,6 +191,7 @@ class Guard:
             if city.name not in shields:
                 shields[city.name] = Shield(city, limits)
         self._shields = [shields[world.map_of(n).name] for n in range(world.num_worlds)]
+        self.margin_m = limits.margin_m
         self.interventions = 0
 
     def take(self, rows: IntArray) -> None:
