@@ -24,7 +24,8 @@ class Train:
     stage: StageName = "free"
     """free: the paper's source task; obstacles: a map, from the networks of a free run."""
     preset: PresetName = "flight"
-    """paper: as literal as its errata allow; flight: what works."""
+    """paper: as literal as its errata allow; coordinates: from its six coordinates alone; flight:
+    what works."""
     map: str | None = None
     """Map file or name; by default free, or env1 for stage obstacles."""
     cities: int | None = None
