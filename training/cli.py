@@ -89,7 +89,8 @@ class Reproduce:
     """Reproduce the paper: train everything, fly the test cases, write the report.
 
     Hours. Ctrl-C leaves checkpoints and a report of what is there; the same command goes on. Runs
-    that are over are used again as long as their preset is the same.
+    that are over are used again as long as their preset is the same, and so is what a report in the
+    same folder says of them.
     """
 
     quick: bool = False

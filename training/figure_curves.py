@@ -75,7 +75,7 @@ def draw_rewards(
     return save(figure, path)
 
 
-def draw_transfer(
+def draw_completion(
     groups: Mapping[str, Sequence[Curve]], levels: Sequence[Level], path: Path, heading: str
 ) -> Path:
     """Draw completion on validation over updates: mean of the seeds within their extremes.

@@ -8,11 +8,12 @@ import numpy as np
 from training import report_page as page
 from training.curves import Curve
 from training.evaluate import wilson_interval
-from training.figure_curves import Bar, Level, draw_ablations, draw_rewards, draw_transfer
+from training.figure_curves import Bar, Level, draw_ablations, draw_completion, draw_rewards
 from training.figure_paths import draw_chase, draw_paths
 from training.report_data import Drawn, Points, Report, RunResult
-from training.report_page import PAPER_RATES, TITLES
-from training.reproduce_plan import ABLATION_MAP, RECIPE, SCRATCH
+from training.report_page import TITLES
+from training.report_words import PAPER_RATES
+from training.reproduce_plan import ABLATION_MAP, OBSTACLE_MAPS, RECIPE, SCRATCH
 
 
 def draw_all(report: Report, drawn: Drawn, folder: Path) -> list[str]:
@@ -22,6 +23,7 @@ def draw_all(report: Report, drawn: Drawn, folder: Path) -> list[str]:
         _rewards(report, drawn, folder / page.FIGURE_8, mark),
         _transfer(report, drawn, folder / page.TRANSFER, mark),
         _ablations(report, folder / page.ABLATIONS, mark),
+        _coordinates(report, drawn, folder / page.COORDINATES, mark),
     ]
     if drawn.paths:
         heading = f"Figure 6: paths of the trained actors{mark}"
@@ -67,7 +69,23 @@ def _transfer(report: Report, drawn: Drawn, path: Path, mark: str) -> Path | Non
     if not groups:
         return None
     heading = f"{ABLATION_MAP}: what transfer buys{mark}"
-    return draw_transfer(groups, _rates(report), path, heading)
+    return draw_completion(groups, _rates(report), path, heading)
+
+
+def _coordinates(report: Report, drawn: Drawn, path: Path, mark: str) -> Path | None:
+    groups = {
+        map_name: [_curve(drawn.curves[run.name].validation) for run in runs]
+        for map_name in OBSTACLE_MAPS
+        if (runs := report.of("coordinates", map_name))
+    }
+    if not groups:
+        return None
+    levels = [
+        Level(PAPER_RATES[name], f"the paper's {100 * PAPER_RATES[name]:.0f} % of {name}")
+        for name in groups
+    ]
+    heading = f"From the paper's six coordinates alone{mark}"
+    return draw_completion(groups, levels, path, heading)
 
 
 def _ablations(report: Report, path: Path, mark: str) -> Path | None:

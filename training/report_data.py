@@ -34,7 +34,7 @@ class RunResult(msgspec.Struct, frozen=True):
 
     name: str
     group: str
-    """``free``, ``obstacles`` or ``ablation``."""
+    """``free``, ``obstacles``, ``coordinates`` or ``ablation``."""
     variant: str
     """What was changed: ``paper`` for the recipe as it is, else the ablation's name."""
     map: str
@@ -130,6 +130,8 @@ class Report(msgspec.Struct, frozen=True):
     """What, the paper's, ours."""
     unfinished: list[str]
     """Runs that were planned and have not come to their end."""
+    coordinates_recipe: list[tuple[str, str, str]] = []
+    """Likewise, of the runs from six coordinates alone; empty where there are none."""
 
     def of(self, group: str, map_name: str, variant: str = "paper") -> list[RunResult]:
         """Return the runs of a group on a map, by seed."""

@@ -4,16 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from training.report_coordinates import coordinates_section, coordinates_sentence
 from training.report_data import Baseline, Report, RunResult, Score
 from training.report_errata import ERRATA
 from training.report_made import budget, how_it_was_made
-from training.report_words import listed, mean, minutes, percent, spread, table
+from training.report_words import PAPER_RATES, listed, mean, minutes, percent, spread, table
 from training.reproduce_plan import BETA, RECIPE
 
-PAPER_RATES = {"free": 1.00, "env1": 0.84, "env2": 0.82}
-"""Table II."""
 TITLES = {"free": "obstacle free", "env1": "obstacles, env1", "env2": "obstacles, env2"}
 
+COORDINATES = "coordinates.png"
 FIGURE_8 = "figure8-rewards.png"
 FIGURE_6 = "figure6-paths.png"
 FIGURE_5 = "figure5-chase-free.png"
@@ -66,6 +66,7 @@ def write_page(report: Report, figures: Sequence[str]) -> str:
         ),
         "## The recipe",
         table(["What", "paper", "here"], [list(row) for row in report.recipe]),
+        *coordinates_section(report, _figure(figures, COORDINATES, "Six coordinates: curves")),
         "## What transfer buys",
         _transfer(report),
         _figure(figures, TRANSFER, "Completion on validation cases over updates"),
@@ -90,7 +91,8 @@ def _banner(report: Report) -> str:
             f"seed{'s' if len(report.seeds) > 1 else ''}, {report.cases} test cases and a "
             f"fraction of the updates ({budget(report)}). It shows that everything works; its "
             "rates are lower, its intervals wider and its ablations rougher than those of the "
-            "full run. Run `training reproduce` without `--quick` for the numbers."
+            "full run, and nothing is learnt from six coordinates alone. "
+            "Run `training reproduce` without `--quick` for the numbers."
         )
     if report.unfinished:
         lines.append(
@@ -108,7 +110,7 @@ def _departures(report: Report) -> str:
         "episode ends on contact, and by chance at any step; many worlds are stepped at once. The "
         "recipe and the ablations below say what exactly, and what each of them brings; the errata "
         "say what the paper leaves open or contradicts. So Table II is reached by the paper's "
-        "algorithm, not from the paper's state."
+        "algorithm, not from the paper's state." + coordinates_sentence(report)
     )
 
 

@@ -24,7 +24,7 @@ def recipe(free: Preset, obstacles: Preset) -> list[Row]:
         (
             "M, updates",
             "40,000 episodes one after the other: 4,000,000",
-            f"free {free.updates:,}, obstacles {obstacles.updates:,}",
+            both(f"{free.updates:,}", f"{obstacles.updates:,}"),
         ),
         (
             "worlds at once",

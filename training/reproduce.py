@@ -25,6 +25,7 @@ from training.report_data import (
     read_report,
     write_report,
 )
+from training.report_kept import kept_runs, newest
 from training.report_measure import TEST_SEED, Cases, measure_run
 from training.report_page import write_page
 from training.report_recipe import recipe
@@ -59,16 +60,30 @@ def reproduce(options: "cli.Reproduce", typed: str, *, now_s: Callable[[], float
         raise UsageError(f"--processes must be at least 1, got {processes}")
     out = options.out or Path("runs") / ("report-quick" if options.quick else "report")
     jobs = plan(budget, seeds, CHANGES)
+    cases = Cases(budget.cases, now_s)
+    kept, earlier = kept_runs(out, jobs, cases)
+    names = {run.name for run in kept}
+    for run in kept:
+        console.print(f"{run.name}: measured before, {out}", highlight=False, soft_wrap=True)
+    new = [job for job in jobs if job.name not in names]
 
     with stop_on_signal() as stop:
-        folders, left = train_all(jobs, options.runs, typed, processes, console, stop)
+        folders, left = train_all(new, options.runs, typed, processes, console, stop)
         stopped = stop()
     if left:
         for name, reason in left.items():
             console.print(f"{name}: {reason}", highlight=False)
     console.print(f"flying {budget.cases} test cases a map with {len(folders)} actors")
-    cases = Cases(budget.cases, now_s)
-    runs, drawn = measure_all([job for job in jobs if job.name in folders], folders, cases)
+    measured, drawn = measure_all(
+        [job for job in new if job.name in folders], folders, cases, shown_seed=seeds[0]
+    )
+    by_name = {run.name: run for run in (*kept, *measured)}
+    runs = [by_name[job.name] for job in jobs if job.name in by_name]
+    drawn = Drawn(
+        curves={run.name: {**earlier.curves, **drawn.curves}[run.name] for run in runs},
+        paths=newest(earlier.paths, drawn.paths),
+        chases=newest(earlier.chases, drawn.chases),
+    )
     report = Report(
         quick=options.quick,
         command=typed,
@@ -86,6 +101,7 @@ def reproduce(options: "cli.Reproduce", typed: str, *, now_s: Callable[[], float
         baselines=cases.baselines(),
         changes=_changes(),
         recipe=_recipe(jobs),
+        coordinates_recipe=_coordinates_recipe(jobs),
         unfinished=list(left),
     )
     write_report(report, drawn, out)
@@ -158,9 +174,9 @@ def train_all(
 
 
 def measure_all(
-    jobs: Sequence[Job], folders: Mapping[str, Path], cases: Cases
+    jobs: Sequence[Job], folders: Mapping[str, Path], cases: Cases, *, shown_seed: int
 ) -> tuple[list[RunResult], Drawn]:
-    """Fly the test cases with every actor, and choose what the figures show."""
+    """Fly the test cases with every actor, and choose what the figures show of one seed."""
     results: list[RunResult] = []
     curves: dict[str, RunCurves] = {}
     shown: dict[str, tuple[Flights, Flights]] = {}
@@ -170,7 +186,7 @@ def measure_all(
             continue  # only a source of networks
         results.append(result)
         curves[job.name] = curve
-        if chases is not None:
+        if chases is not None and job.group != "coordinates" and job.seed == shown_seed:
             shown.setdefault(job.map, (flights, chases))
     return results, Drawn(curves=curves, paths=_paths(shown), chases=_chases(shown))
 
@@ -202,10 +218,16 @@ def _recipe(jobs: Sequence[Job]) -> list[tuple[str, str, str]]:
     return recipe(free, obstacles)
 
 
+def _coordinates_recipe(jobs: Sequence[Job]) -> list[tuple[str, str, str]]:
+    presets = [job.preset for job in jobs if job.group == "coordinates"]
+    return recipe(presets[0], presets[0]) if presets else []
+
+
 def _updates(jobs: Sequence[Job]) -> dict[str, int]:
     return {
         group: next(job.preset.updates for job in jobs if job.group == group)
-        for group in ("free", "obstacles", "ablation")
+        for group in ("free", "obstacles", "coordinates", "ablation")
+        if any(job.group == group for job in jobs)
     }
 
 

@@ -7,7 +7,7 @@ from typing import Literal
 from training.ablations import Ablation
 from training.presets import PRESETS, Preset
 
-Group = Literal["free", "obstacles", "ablation"]
+Group = Literal["free", "obstacles", "coordinates", "ablation"]
 
 RECIPE = "paper"
 """The recipe as it is, among the ablations."""
@@ -27,10 +27,14 @@ class Budget:
     """Of each run of the free stage; the preset's where none is given,"""
     obstacle_updates: int | None = None
     """and of each run among obstacles, likewise."""
+    coordinates_updates: int | None = None
+    """Of each run from the paper's six coordinates alone, likewise."""
     ablation_updates: int = 5_000
+    coordinates_seeds: int = 3
+    """How many of the seeds learn from six coordinates,"""
     transfer_seeds: int = 3
-    """How many of the seeds compare transfer with scratch,"""
-    ablation_seeds: int = 1
+    """how many compare transfer with scratch,"""
+    ablation_seeds: int = 3
     """and how many train each ablation."""
     cases: int = 1_000
 
@@ -40,7 +44,9 @@ QUICK = Budget(
     free_updates=4_000,
     obstacle_updates=12_000,
     ablation_updates=3_000,
+    coordinates_seeds=0,
     transfer_seeds=1,
+    ablation_seeds=1,
     cases=500,
 )
 
@@ -61,7 +67,7 @@ class Job:
     name: str
     group: Group
     variant: str
-    """``paper``, ``scratch`` or the name of an ablation."""
+    """``paper`` for a recipe as it is, ``scratch`` or the name of an ablation."""
     preset: Preset
     map: str
     seed: int
@@ -90,6 +96,12 @@ def plan(
     jobs += [
         _job("obstacles", RECIPE, obstacles, city, seed, init=f"free-seed{seed}")
         for seed in seeds
+        for city in OBSTACLE_MAPS
+    ]
+    coordinates = shortened(PRESETS["coordinates", "obstacles"], budget.coordinates_updates)
+    jobs += [
+        _job("coordinates", RECIPE, coordinates, city, seed)
+        for seed in seeds[: budget.coordinates_seeds]
         for city in OBSTACLE_MAPS
     ]
     short = shortened(PRESETS["paper", "obstacles"], budget.ablation_updates)
@@ -166,4 +178,6 @@ def _job(
     words = [city] if variant == RECIPE and group != "ablation" else [city, "short", variant]
     if group == "free" and variant != RECIPE:
         words = [city, variant]
+    if group == "coordinates":
+        words = [city, group]
     return Job("-".join((*words, f"seed{seed}")), group, variant, preset, city, seed, init)

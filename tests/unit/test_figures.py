@@ -13,7 +13,7 @@ from training.curves import (
     training_curve,
     validation_curve,
 )
-from training.figure_curves import Bar, Level, draw_ablations, draw_rewards, draw_transfer
+from training.figure_curves import Bar, Level, draw_ablations, draw_completion, draw_rewards
 from training.figure_paths import draw_chase, draw_paths
 from training.flights import Flight
 from training.report_data import FlightRecord, Scene
@@ -72,7 +72,7 @@ def test_every_figure_is_drawn_and_small(tmp_path):
         picture(
             draw_rewards({"a": {"seed 1": curve}}, {"a": level}, tmp_path / "rewards.png", "R")
         ),
-        picture(draw_transfer({"a": [curve, curve]}, level, tmp_path / "transfer.png", "T")),
+        picture(draw_completion({"a": [curve, curve]}, level, tmp_path / "transfer.png", "T")),
         picture(
             draw_ablations(
                 [Bar("a", (0.5, 0.6), (0.5, 0.6)), Bar("b", (0.4,), (0.3, 0.5))],
@@ -83,6 +83,6 @@ def test_every_figure_is_drawn_and_small(tmp_path):
         ),
     ]
     assert all(10_000 < size < 300_000 for size in sizes)
-    again = draw_transfer({"a": [curve, curve]}, level, tmp_path / "again.png", "T")
+    again = draw_completion({"a": [curve, curve]}, level, tmp_path / "again.png", "T")
     assert again.read_bytes() == (tmp_path / "transfer.png").read_bytes()
     assert load_map("env1").obstacle_names  # the figures read the map by its name

@@ -17,7 +17,16 @@ from training.reproduce_run import Run, find_run, is_over
 from training.run_folder import RunFolder
 from training.workers import do_all
 
-TINY = Budget(free_updates=8, obstacle_updates=8, ablation_updates=8, transfer_seeds=1, cases=6)
+TINY = Budget(
+    free_updates=8,
+    obstacle_updates=8,
+    coordinates_updates=8,
+    ablation_updates=8,
+    coordinates_seeds=1,
+    transfer_seeds=1,
+    ablation_seeds=1,
+    cases=6,
+)
 CHANGES = {
     "relative": reproduce.ABLATIONS["relative"],
     "large-buffer": reproduce.ABLATIONS["large-buffer"],
@@ -27,7 +36,7 @@ CHANGES = {
 @pytest.fixture(autouse=True)
 def tiny_presets(monkeypatch):
     torch.set_num_threads(1)
-    for key in (("paper", "free"), ("paper", "obstacles")):
+    for key in (("paper", "free"), ("paper", "obstacles"), ("coordinates", "obstacles")):
         preset = PRESETS[key]
         tiny = replace(
             preset,
@@ -156,12 +165,25 @@ def test_the_whole_paper(tmp_path, capsys, in_this_process, monkeypatch):
     assert planner.evaluation.completion_rate == 1.0
     assert planner.spl_shortest > planner.evaluation.spl
     assert {run.variant for run in report.runs} == {"paper", "scratch", "large-buffer"}
+    assert "## Six coordinates" in page
+    assert "(coordinates.png)" in page
 
+    # Again, with one run missing in the report: only what it starts from is looked for as well.
+    numbers = json.loads((out / "numbers.json").read_text())
+    numbers["runs"] = [run for run in numbers["runs"] if run["name"] != "env1-seed1"]
+    (out / "numbers.json").write_text(json.dumps(numbers))
     capsys.readouterr()
     monkeypatch.setattr(reproduce, "draw_all", lambda *_: [])
     before = {path: path.stat().st_mtime_ns for path in Path("runs").rglob("checkpoint.pt")}
     assert cli.main(["reproduce", "--quick"]) == 0
-    assert "free-seed1: done before" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "free-seed1: done before" in said
+    assert "env1-seed1: done before" in said
+    assert "env1-short-scratch-seed1: measured before" in said
+    again = read_report(out)[0].runs
+    assert [(run.name, run.static.mean_return) for run in again] == [
+        (run.name, run.static.mean_return) for run in report.runs
+    ]
     assert before == {path: path.stat().st_mtime_ns for path in Path("runs").rglob("checkpoint.pt")}
     (out / "README.md").unlink()
     assert cli.main(["figures", "--report", str(out)]) == 0
