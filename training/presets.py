@@ -306,7 +306,7 @@ PRESETS: dict[tuple[PresetName, StageName], Preset] = {
         stage="obstacles",
         world=replace(_COORDINATES_FREE.world, end_on_contact=True),
         num_worlds=256,
-        updates=40_000,
+        updates=20_000,
         validate_every=2_500,
     ),
     ("flight", "free"): _FLIGHT_FREE,
