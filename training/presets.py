@@ -327,7 +327,7 @@ PRESETS: dict[tuple[PresetName, StageName], Preset] = {
         epsilon_end=0.01,
         exploration_noise=0.05,
         num_worlds=256,
-        updates=20_000,
+        updates=10_000,
         validate_every=2_500,
     ),
 }
