@@ -155,14 +155,14 @@ class Ddpg:
             getattr(self, name).load_state_dict(state[name])
         self.noise_generator.set_state(state["noise_generator"])
 
-    def transfer_from(self, state: Mapping[str, Any]) -> None:
+    def transfer_from(self, state: Mapping[str, Any], *, actor_only: bool = False) -> None:
         """Start from another stage's networks: the paper's transfer learning.
 
-        Actor, critic and targets are carried over. Optimisers keep their fresh state, because
-        the moments of the old task's gradients say nothing of the new one; replay buffer and
-        epsilon are the caller's and start afresh.
+        Actor, critic and targets are carried over, or the actor and its target alone. Optimisers
+        keep their fresh state, because the moments of the old task's gradients say nothing of the
+        new one; replay buffer and epsilon are the caller's and start afresh.
         """
-        for name in _NETWORKS:
+        for name in ACTORS if actor_only else _NETWORKS:
             getattr(self, name).load_state_dict(state[name])
 
 
@@ -170,5 +170,6 @@ def _gradient_norm(network: torch.nn.Module) -> Tensor:
     return get_total_norm(p.grad for p in network.parameters() if p.grad is not None)
 
 
-_NETWORKS = ("actor", "critic", "actor_target", "critic_target", "actor_average")
+ACTORS = ("actor", "actor_target", "actor_average")
+_NETWORKS = (*ACTORS, "critic", "critic_target")
 _OPTIMIZERS = ("actor_optimizer", "critic_optimizer")

@@ -13,7 +13,7 @@ from training.figure_paths import draw_chase, draw_paths
 from training.report_data import Drawn, Points, Report, RunResult
 from training.report_page import TITLES
 from training.report_words import PAPER_RATES
-from training.reproduce_plan import ABLATION_MAP, OBSTACLE_MAPS, RECIPE, SCRATCH
+from training.reproduce_plan import ABLATION_MAP, OBSTACLE_MAPS
 
 
 def draw_all(report: Report, drawn: Drawn, folder: Path) -> list[str]:
@@ -59,7 +59,7 @@ def _rewards(report: Report, drawn: Drawn, path: Path, mark: str) -> Path | None
 
 def _transfer(report: Report, drawn: Drawn, path: Path, mark: str) -> Path | None:
     groups: dict[str, list[Curve]] = {}
-    for variant, label in ((RECIPE, "from the free actor"), (SCRATCH, "from scratch")):
+    for variant, label in page.STARTS.items():
         curves = [
             _curve(drawn.curves[run.name].validation)
             for run in report.of("ablation", ABLATION_MAP, variant)

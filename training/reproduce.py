@@ -29,7 +29,7 @@ from training.report_kept import kept_runs, newest
 from training.report_measure import TEST_SEED, Cases, measure_run
 from training.report_page import write_page
 from training.report_recipe import recipe
-from training.reproduce_plan import BETA, FULL, QUICK, RECIPE, SCRATCH, Job, plan
+from training.reproduce_plan import ACTOR_ONLY, BETA, FULL, QUICK, RECIPE, SCRATCH, Job, plan
 from training.reproduce_run import Run, find_run
 from training.run_folder import RunFolder
 from training.scenes import across, chase
@@ -235,6 +235,7 @@ def _changes() -> list[Change]:
     return [
         Change(RECIPE, "the recipe as it is"),
         Change(SCRATCH, "random networks instead of those of the free stage"),
+        Change(ACTOR_ONLY, "a random critic instead of that of the free stage"),
         *(Change(name, ablation.reason) for name, ablation in CHANGES.items()),
     ]
 

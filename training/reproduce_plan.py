@@ -13,6 +13,8 @@ RECIPE = "paper"
 """The recipe as it is, among the ablations."""
 SCRATCH = "scratch"
 """The recipe as it is, from random networks."""
+ACTOR_ONLY = "actor-only"
+"""The recipe as it is, from the actor of the free stage and a random critic."""
 OBSTACLE_MAPS = ("env1", "env2")
 ABLATION_MAP = "env1"
 _VALIDATIONS = 10
@@ -67,7 +69,7 @@ class Job:
     name: str
     group: Group
     variant: str
-    """``paper`` for a recipe as it is, ``scratch`` or the name of an ablation."""
+    """``paper`` for a recipe as it is, ``scratch``, ``actor-only`` or an ablation's name."""
     preset: Preset
     map: str
     seed: int
@@ -106,8 +108,14 @@ def plan(
     ]
     short = shortened(PRESETS["paper", "obstacles"], budget.ablation_updates)
     for seed in seeds[: budget.transfer_seeds]:
-        jobs.append(_job("ablation", RECIPE, short, ABLATION_MAP, seed, init=f"free-seed{seed}"))
-        jobs.append(_job("ablation", SCRATCH, short, ABLATION_MAP, seed))
+        jobs += [
+            _job("ablation", variant, short, ABLATION_MAP, seed, init=init)
+            for variant, init in (
+                (RECIPE, f"free-seed{seed}"),
+                (ACTOR_ONLY, f"free-seed{seed}"),
+                (SCRATCH, None),
+            )
+        ]
     changed = [
         _ablation_jobs(name, ablation, budget, free, short, seed)
         for seed in seeds[: budget.ablation_seeds]

@@ -10,7 +10,7 @@ from companion.world.maps import load_map
 from training.curves import read_log
 from training.export import git_revision
 from training.places import Place
-from training.reproduce_plan import Job
+from training.reproduce_plan import ACTOR_ONLY, Job
 from training.run_folder import RunFolder, RunRecord
 from training.train import run, transfer
 from training.trainer import Trainer
@@ -43,7 +43,8 @@ class Run:
             folder.cut_log(state["log_size"])
         else:
             if self.init is not None:
-                transfer(trainer, RunFolder(self.init))
+                actor_only = self.job.variant == ACTOR_ONLY
+                transfer(trainer, RunFolder(self.init), actor_only=actor_only)
             folder.write_record(self._record())
             folder.log_path.unlink(missing_ok=True)
         tell(trainer.updates)
@@ -111,7 +112,8 @@ def find_run(job: Job, own: Path, init: Path | None, others: Iterable[Path]) -> 
     if is_over(own, job):
         return own
     for folder in others:
-        if not is_over(folder, job):
+        # Runs of the command line carry over all networks.
+        if job.variant == ACTOR_ONLY or not is_over(folder, job):
             continue
         started = RunFolder(folder).read_record().init
         if started is None and job.init is None:

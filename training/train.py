@@ -20,6 +20,7 @@ from companion.policy.contract import (
     SeenContract,
 )
 from sim.guides import Surveyor
+from training.ddpg import ACTORS
 from training.evaluate import Evaluation, Policy, fly_straight
 from training.export import export_actor
 from training.networks import ActorNetwork
@@ -242,8 +243,17 @@ def _rebuild(record: RunRecord, folder: RunFolder, device: DeviceName = "cpu") -
     return trainer
 
 
-def transfer(trainer: Trainer, source: RunFolder) -> None:
-    """Start from the critics of another run and from its best actor, where one was validated."""
+def transfer(trainer: Trainer, source: RunFolder, *, actor_only: bool = False) -> None:
+    """Start from the critics of another run and from its best actor, where one was validated.
+
+    Args:
+        trainer: Of the new run.
+        source: The other run.
+        actor_only: Leave the critics as they are, random.
+
+    Raises:
+        UsageError: If the networks of the two do not mean or measure the same.
+    """
     record = source.read_record()
     if record.layout != trainer.preset.layout_name:
         raise UsageError(
@@ -253,9 +263,9 @@ def transfer(trainer: Trainer, source: RunFolder) -> None:
     state = source.load_checkpoint()["trainer"]
     networks = dict(state["learner"])
     if best := state["best"]["network"]:
-        networks |= dict.fromkeys(("actor", "actor_target", "actor_average"), best)
+        networks |= dict.fromkeys(ACTORS, best)
     try:
-        trainer.learner.transfer_from(networks)
+        trainer.learner.transfer_from(networks, actor_only=actor_only)
     except RuntimeError as error:
         raise UsageError(
             f"--init {source.folder}: its networks differ in shape from those of preset "

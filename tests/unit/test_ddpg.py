@@ -176,6 +176,16 @@ def test_transfer_carries_networks_and_resets_optimisers():
     assert not fresh.critic_optimizer.state_dict()["state"]
 
 
+def test_the_actor_alone_can_be_carried_over():
+    source, fresh = Ddpg(5, SMALL, seed=1), Ddpg(5, SMALL, seed=2)
+    critic = weights(fresh.critic)
+    fresh.transfer_from(source.state_dict(), actor_only=True)
+    for name in ("actor", "actor_target", "actor_average"):
+        assert same(weights(getattr(source, name)), weights(getattr(fresh, name)))
+    assert same(weights(fresh.critic), critic)
+    assert same(weights(fresh.critic_target), critic)
+
+
 def test_a_fresh_actor_is_far_from_saturation():
     actor = ActorNetwork(11, (128, 128), torch.Generator().manual_seed(0))
     observation = torch.from_numpy(

@@ -164,7 +164,12 @@ def test_the_whole_paper(tmp_path, capsys, in_this_process, monkeypatch):
     planner = report.baseline("env1").planner
     assert planner.evaluation.completion_rate == 1.0
     assert planner.spl_shortest > planner.evaluation.spl
-    assert {run.variant for run in report.runs} == {"paper", "scratch", "large-buffer"}
+    assert {run.variant for run in report.runs} == {
+        "paper",
+        "scratch",
+        "actor-only",
+        "large-buffer",
+    }
     assert "## Six coordinates" in page
     assert "(coordinates.png)" in page
 
