@@ -31,10 +31,13 @@ _NODES = 4
 """Nodes of the skyline on the edge of a cell."""
 _SEES_CELLS = 2
 """Cells no farther from the target's than this may see it."""
+_SHUT_FACTOR = 40.0
 _NEAR_FACTOR = 8.0
 _FAR_FACTOR = 1.5
-"""How much farther a way seems within the skyline's margins. It takes them where it must: a target
-or a vehicle stands there, or a gap is narrow."""
+"""How much farther a way seems in cells all of which lie within the shield's margin, in cells whose
+centre does, and a little off it. The first are not flown through, as the shield forbids it, but
+where a target or a vehicle stands there and nothing else leads to it or out; the second are
+corners and narrow streets."""
 _CLIMB = 5.0 / 3.0
 """Level speed over climb speed, and below over descent speed, as autopilots fly by default: what is
 long is what takes long."""
@@ -124,6 +127,9 @@ class WayGrid:
             center_m = skyline.height_m[margin, _NODES // 2 :: _NODES, _NODES // 2 :: _NODES]
             factor[height_m < center_m[..., None]] = price
             factor[..., height_m > city.size_m[2] - MARGINS_M[margin]] = price
+        shut_m = _lowest_within_cells(skyline.height_m[NEAR])
+        factor[height_m + 0.5 * CELL_M < shut_m[..., None]] = _SHUT_FACTOR
+        factor[..., height_m - 0.5 * CELL_M > city.size_m[2] - MARGINS_M[NEAR]] = _SHUT_FACTOR
         yield None
         east_cost = np.empty((2, x, 3, 3, y, z), dtype=np.float32)
         north_cost = np.empty((2, y, 3, x, z), dtype=np.float32)
@@ -211,6 +217,13 @@ def _length_m(way_m: FloatArray) -> float:
     """Return how long a straight way takes, as metres of level flight."""
     up_m = float(way_m[2])
     return max(float(np.linalg.norm(way_m)), _CLIMB * up_m, -_DESCENT * up_m)
+
+
+def _lowest_within_cells(node_m: Float32Array) -> Float32Array:
+    """Return the lowest node of the skyline in each cell or on its edge, ``(X, Y)``."""
+    blocks = sliding_window_view(node_m, (_NODES + 1, _NODES + 1))[::_NODES, ::_NODES]
+    lowest_m: Float32Array = blocks.min(axis=(2, 3))
+    return lowest_m
 
 
 def _highest_between(node_m: Float32Array, cells: tuple[int, int], move: IntArray) -> Float32Array:

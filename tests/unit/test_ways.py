@@ -116,6 +116,22 @@ def test_ways_arrive_and_touch_nothing(number):
     assert np.linalg.norm(position - target, axis=1).max() < 0.1
 
 
+@pytest.mark.parametrize(("gap_m", "through"), [(3.0, False), (5.5, True)])
+def test_a_gap_that_the_shield_forbids_is_not_the_way(gap_m, through):
+    sides = ((0.0, 29.2), (29.2 + gap_m, 60.0))
+    walls = [[[w, 20], [e, 20], [e, 30], [w, 30]] for w, e in sides]
+    city = build_map("gap", (60, 60, 60), walls, [38.0, 38.0])
+    target = np.array([31.0, 45.0, 6.0])
+    _, _, ways = ways_to(city, target)
+    here = np.array([[31.0, 8.0, 6.0]])
+    highest_m = 0.0
+    while (ahead := ask(ways, here, target)).aim_enu_m[0] != pytest.approx(target):
+        here = ahead.aim_enu_m
+        highest_m = max(highest_m, float(here[0, 2]))
+    assert (highest_m < 20.0) == through
+    assert through or highest_m > 38.0
+
+
 def test_what_is_left_is_at_least_the_straight_way_and_falls():
     target = np.array([26.0, 3.0, 4.0])
     city = build_map("block", SMALL, [BLOCK], [12.0])
