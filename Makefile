@@ -57,6 +57,7 @@ bench: .venv/dev.stamp
 	$(BIN)/python -m pytest tests/benchmarks -o addopts=--import-mode=importlib --benchmark-only \
 	    --benchmark-columns=median,iqr,ops
 	$(BIN)/python tests/benchmarks/loop.py
+	$(BIN)/python tests/benchmarks/mock_speed.py
 
 clean:
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis dist build

@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.mock.autopilot import COMPONENT_ID
 from sim.mock.faults import parse_fault
-from sim.mock.packet import Packet
+from sim.mock.packet import Packer, layout, message_name
 from sim.mock.placement import place_vehicle
 from sim.mock.setpoints import MAV_FRAME_LOCAL_NED
 from sim.mock.targets import parse_target
@@ -31,21 +31,16 @@ ACK_TIMEOUT_S = 0.5
 
 
 class Received:
-    """A packet as a client got it; put into bytes and decoded when somebody looks at it."""
+    """A packet as a client got it; decoded when somebody looks at it."""
 
-    __slots__ = ("_message", "_packet", "link", "time_s")
+    __slots__ = ("_message", "link", "packet", "time_s")
 
-    def __init__(self, time_s: float, link: int, packet: Packet) -> None:
+    def __init__(self, time_s: float, link: int, packet: bytes) -> None:
         """Note that ``packet`` arrived on ``link``."""
         self.time_s = time_s
         self.link = link
-        self._packet = packet
+        self.packet = packet
         self._message: Any = None
-
-    @property
-    def packet(self) -> bytes:
-        """Return its bytes."""
-        return self._packet.data
 
     @property
     def message(self) -> Any:
@@ -57,7 +52,7 @@ class Received:
     @property
     def name(self) -> str:
         """Return the name of the message, without decoding it."""
-        return self._packet.name
+        return message_name(self.packet)
 
 
 class Bench:
@@ -102,19 +97,35 @@ class Bench:
         )
         if hears is not None:
             self.vehicle.stream_only([_id_of(name) for name in hears])
-        self.received: list[Received] = []
+        self._received: list[Received] = []
+        self._arrived: list[tuple[float, list[tuple[int, bytes]]]] = []
         self.identity = identity
+        self._packers: dict[tuple[int, int], Packer] = {}
 
     @property
     def time_s(self) -> float:
         """The virtual time since power-up."""
         return self.vehicle.time_s
 
+    @property
+    def received(self) -> list[Received]:
+        """All packets that have come, oldest first."""
+        if self._arrived:
+            self._received += [
+                Received(time_s, link, packet)
+                for time_s, packets in self._arrived
+                for link, packet in packets
+            ]
+            self._arrived.clear()
+        return self._received
+
     def send(self, message: Any, *, link: int = 0, identity: tuple[int, int] | None = None) -> None:
         """Send one message from the client, or from somebody else."""
-        system, component = identity or self.identity
-        codec: Any = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
-        self.vehicle.receive(link, message.pack(codec))
+        sender = identity or self.identity
+        packer = self._packers.get(sender)
+        if packer is None:
+            packer = self._packers[sender] = Packer(*sender)
+        self.vehicle.receive(link, packer.pack(message))
         self._collect()
 
     def run(
@@ -218,13 +229,13 @@ class Bench:
     ) -> Callable[[], Any]:
         """Return a stream of any SET_POSITION_TARGET_LOCAL_NED."""
         whom = target or (self.vehicle.settings.system_id, COMPONENT_ID)
-        return lambda: mavlink.MAVLink_set_position_target_local_ned_message(
+        build = layout(mavlink.MAVLink_set_position_target_local_ned_message)
+        return lambda: build(
             0, *whom, frame, type_mask, *position, *velocity, 0.0, 0.0, 0.0, yaw, 0.0
         )
 
     def _collect(self) -> None:
-        time_s = self.vehicle.time_s
-        self.received += [Received(time_s, *item) for item in self.vehicle.take_packets()]
+        self._arrived.append((self.vehicle.time_s, self.vehicle.take_output()))
 
 
 def _id_of(name: str) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.mock.autopilot import COMPONENT_ID, Autopilot, FlightMode
-from sim.mock.packet import MAVLINK2, Packet
+from sim.mock.packet import MAVLINK2, Packer, crc_extra_of
 from sim.mock.signing import SIGNATURE_BYTES, SIGNED, Keyring
 from sim.mock.streams import Builders
 
@@ -38,7 +38,7 @@ class Channel(ABC):
     """
 
     def __init__(self, builders: Builders, default_hz: Mapping[int, float], port: Port) -> None:
-        self._codec: Any = mavlink.MAVLink(None, port.system_id, COMPONENT_ID)
+        self._packer = Packer(port.system_id, COMPONENT_ID)
         self._parser: Any = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
         self.keyring = port.keyring
@@ -56,7 +56,7 @@ class Channel(ABC):
         self.ack_progress = False
         """A fault: meanwhile the answer is IN_PROGRESS."""
         self._acks: list[tuple[float, Any]] = []
-        self._out: list[Packet] = []
+        self._out: list[bytes] = []
 
     def decode(self, data: bytes) -> list[Any]:
         """Return the valid messages completed by ``data``; garbage is skipped."""
@@ -80,13 +80,10 @@ class Channel(ABC):
 
     def send(self, message: Any) -> None:
         """Queue a message of the autopilot, signed where there is a key."""
-        if self.keyring.secret is None:
-            self._out.append(Packet(message, self._codec))
-            return
-        self.keyring.arm(self._codec)
-        packet = Packet(message, self._codec)
-        self._out.append(Packet.of(packet.data))  # at once: the stamp is that of now
-        self.keyring.disarm(self._codec)
+        packet = self._packer.pack(message)
+        if self.keyring.secret is not None:
+            packet = self.keyring.sign(packet, crc_extra_of(message))
+        self._out.append(packet)
 
     def acknowledge(self, now_s: float, asked: Any, number: int, result: int) -> None:
         """Queue COMMAND_ACK for whoever sent ``asked``."""
@@ -104,9 +101,9 @@ class Channel(ABC):
 
     def pass_on(self, packet: bytes) -> None:
         """Queue somebody else's packet unchanged."""
-        self._out.append(Packet.of(packet))
+        self._out.append(packet)
 
-    def take_output(self) -> list[Packet]:
+    def take_output(self) -> list[bytes]:
         """Return the packets queued since the last call."""
         out, self._out = self._out, []
         return out
@@ -133,8 +130,9 @@ class Channel(ABC):
             if now_s < due_s - 1e-9:
                 continue
             interval_s = self._interval_s[id_]
+            late_s = now_s - due_s + 1e-9
             # Absolute deadlines; what was missed is skipped, never sent in a burst.
-            missed = math.floor((now_s - due_s + 1e-9) / interval_s)
+            missed = 0 if late_s < interval_s else math.floor(late_s / interval_s)
             self._due_s[id_] = due_s + (missed + 1) * interval_s
             self._send_stream(id_, autopilot)
         self._send_others(autopilot)

@@ -93,18 +93,13 @@ class PointMass:
         return self.position_m[2] >= 0.0
 
     @property
-    def roll_rad(self) -> float:
-        """Bank that makes the present acceleration, positive to the right."""
+    def attitude_rad(self) -> tuple[float, float, float]:
+        """Roll, pitch and yaw: the tilt is what makes the present acceleration."""
         north, east, _ = self.acceleration_mps2
-        right = -north * math.sin(self.yaw_rad) + east * math.cos(self.yaw_rad)
-        return math.atan2(right, GRAVITY_MPS2)
-
-    @property
-    def pitch_rad(self) -> float:
-        """Pitch that makes the present acceleration, positive nose up."""
-        north, east, _ = self.acceleration_mps2
-        forward = north * math.cos(self.yaw_rad) + east * math.sin(self.yaw_rad)
-        return -math.atan2(forward, GRAVITY_MPS2)
+        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        right, forward = -north * sin + east * cos, north * cos + east * sin
+        roll, pitch = math.atan2(right, GRAVITY_MPS2), -math.atan2(forward, GRAVITY_MPS2)
+        return roll, pitch, self.yaw_rad
 
     def rest(self) -> None:
         """Stand still where it is: motors idle or off, on the ground."""

@@ -87,6 +87,10 @@ class Estimator(ABC):
         """Return the believed latitude, longitude and altitude of a true position."""
         return self._at(add(true_m, self.error_m))
 
+    def altitude_m(self, true_m: Vector) -> float:
+        """Return the believed altitude of a true position, AMSL."""
+        return self._truth.reference.altitude_m - (true_m[2] + self.error_m[2])
+
     def origin(self) -> GeoPoint:
         """Return GPS_GLOBAL_ORIGIN."""
         return self._at(self.origin_shift_m)

@@ -13,6 +13,7 @@ vehicle.
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 
 from companion.world.frames import GeoPoint
 
@@ -63,21 +64,24 @@ class FlatProjection(Projection):
 class SphericalProjection(Projection):
     """PX4's."""
 
-    def to_geodetic(self, north_m: float, east_m: float) -> tuple[float, float]:
-        """Return latitude and longitude in degrees."""
+    @cached_property
+    def _reference(self) -> tuple[float, float, float]:
+        """Sine and cosine of the latitude, and the longitude in radians."""
         latitude_rad = math.radians(self.reference.latitude_deg)
         longitude_rad = math.radians(self.reference.longitude_deg)
+        return math.sin(latitude_rad), math.cos(latitude_rad), longitude_rad
+
+    def to_geodetic(self, north_m: float, east_m: float) -> tuple[float, float]:
+        """Return latitude and longitude in degrees."""
+        sin_latitude, cos_latitude, longitude_rad = self._reference
         x, y = north_m / EARTH_RADIUS_M, east_m / EARTH_RADIUS_M
         arc = math.hypot(x, y)
         if arc == 0.0:
             return self.reference.latitude_deg, self.reference.longitude_deg
         sin_arc, cos_arc = math.sin(arc), math.cos(arc)
-        latitude = math.asin(
-            cos_arc * math.sin(latitude_rad) + x * sin_arc * math.cos(latitude_rad) / arc
-        )
+        latitude = math.asin(cos_arc * sin_latitude + x * sin_arc * cos_latitude / arc)
         longitude = longitude_rad + math.atan2(
-            y * sin_arc,
-            arc * math.cos(latitude_rad) * cos_arc - x * math.sin(latitude_rad) * sin_arc,
+            y * sin_arc, arc * cos_latitude * cos_arc - x * sin_latitude * sin_arc
         )
         return math.degrees(latitude), math.degrees(longitude)
 

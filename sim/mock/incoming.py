@@ -11,11 +11,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.mock.autopilot import Autopilot
 from sim.mock.channel import Channel
-from sim.mock.packet import MAVLINK2, RawMessage
+from sim.mock.packet import MAVLINK2, Definition
 
 FTP_NAK, FTP_FAIL = 129, 1
-_PARAM_VALUE = (mavlink.MAVLINK_MSG_ID_PARAM_VALUE, "PARAM_VALUE", 220)
-"""Its id, name and checksum seed; the payload is our own, for bit patterns no float survives."""
+_PARAM_VALUE = Definition(mavlink.MAVLINK_MSG_ID_PARAM_VALUE, crc_extra=220)
+"""Its fields are put into bytes here, for bit patterns that no float survives."""
 
 Handler = Callable[[Any, Any, Any], None]
 """Takes an autopilot, the link (its own kinds of both) and the message."""
@@ -46,7 +46,7 @@ def _send_parameter(autopilot: Autopilot, channel: Channel, name: str, index: in
     count, wire_type = len(table), table.wire_type(name)
     text = name.encode().ljust(16, b"\0")
     tail = struct.pack("<HH16sB", count, index, text, wire_type)
-    channel.send(RawMessage(*_PARAM_VALUE, table.wire_bytes(name) + tail))
+    channel.send((_PARAM_VALUE, table.wire_bytes(name) + tail))
 
 
 def _param_read(autopilot: Autopilot, channel: Channel, message: Any) -> None:

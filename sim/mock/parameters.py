@@ -18,7 +18,7 @@ class Parameters(ABC):
 
     def number(self, name: str) -> float:
         """Return a value as a number for the autopilot's own use."""
-        return float(self._values[name])
+        return self._values[name]
 
     def override(self, name: str, value: float) -> None:
         """Set a value from our own side, keeping its type.

@@ -36,6 +36,11 @@ class Pilot:
         default_factory=lambda: deque(maxlen=TAKEOVER_SAMPLES)
     )
 
+    @property
+    def moves(self) -> bool:
+        """Whether enough is known of the sticks to see a movement."""
+        return len(self._recent) == TAKEOVER_SAMPLES
+
     def move(self, now_s: float, sticks: Sticks) -> None:
         """Take in one sample of a joystick."""
         self._seen_s = now_s
@@ -52,7 +57,7 @@ class Pilot:
         Args:
             threshold_per_s: MAN_OVERRIDE_SPD; negative switches it off.
         """
-        if threshold_per_s < 0.0 or len(self._recent) < TAKEOVER_SAMPLES:
+        if threshold_per_s < 0.0 or not self.moves:
             return False
         elapsed_s = self._recent[-1][0] - self._recent[0][0]
         if elapsed_s <= 0.0:

@@ -28,6 +28,8 @@ class Setpoint:
     """Whether every axis is controlled by something; else PX4 stays where it is."""
     only_velocity: bool = field(init=False)
     """Whether all of the velocity is controlled, and nothing of position and acceleration."""
+    counts_as_stream: bool = field(init=False)
+    """Whether anything is controlled at all: only then it feeds the offboard watchdog."""
 
     def __post_init__(self) -> None:
         """Note once what is asked at every step."""
@@ -38,14 +40,7 @@ class Setpoint:
         complete = all(map(any, zip(p, v, a, strict=True)))
         object.__setattr__(self, "complete", complete)
         object.__setattr__(self, "only_velocity", all(v) and not any(p) and not any(a))
-
-    @property
-    def counts_as_stream(self) -> bool:
-        """Whether anything is controlled at all: only then it feeds the offboard watchdog."""
-        return any(
-            math.isfinite(value)
-            for value in (*self.position_m, *self.velocity_mps, *self.acceleration_mps2)
-        )
+        object.__setattr__(self, "counts_as_stream", any(p) or any(v) or any(a))
 
     @property
     def climbs(self) -> bool:

@@ -11,7 +11,6 @@ from collections import Counter
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -83,26 +82,23 @@ class Keyring:
         self.secret = secret if any(secret) else None
         self.stamp = max(self.stamp, stamp)
 
-    def arm(self, codec: Any) -> None:
-        """Let a codec of pymavlink sign the next packet."""
-        self.stamp += 1
-        codec.signing.secret_key = self.secret
-        codec.signing.sign_outgoing = True
-        codec.signing.timestamp = self.stamp
-
-    def disarm(self, codec: Any) -> None:
-        """Let a codec of pymavlink sign no longer."""
-        codec.signing.sign_outgoing = False
-
-    def sign(self, packet: bytes) -> bytes:
-        """Return somebody else's unsigned packet as signed by its sender."""
+    def sign_for_sender(self, packet: bytes) -> bytes:
+        """Return somebody else's packet as signed by its sender, if it can be and is not yet."""
         known = mavlink.mavlink_map.get(message_id(packet))
         if self.secret is None or packet[0] != MAVLINK2 or packet[2] & SIGNED or known is None:
             return packet
+        return self.sign(packet, known.crc_extra)
+
+    def sign(self, packet: bytes, crc_extra: int) -> bytes:
+        """Return an unsigned packet with the signature of this moment.
+
+        Args:
+            packet: MAVLink 2.
+            crc_extra: What the definition of its message adds to the checksum.
+        """
         body = bytearray(packet[:-2])
         body[2] |= SIGNED
-        crc = mavlink.x25crc(body[1:])
-        crc.accumulate(bytes([known.crc_extra]))
+        crc = mavlink.x25crc(body[1:] + bytes((crc_extra,)))
         self.stamp += 1
         body += struct.pack("<HB", crc.crc, 0) + self.stamp.to_bytes(6, "little")
         return bytes(body) + self._signature(bytes(body))

@@ -4,13 +4,13 @@ A builder returns ``None`` while there is nothing to say.
 """
 
 import math
-from functools import partial
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.world.frames import GeoPoint
 from sim.mock.autopilot import Autopilot
+from sim.mock.packet import layout
 from sim.mock.pilot import Sticks
 
 NAN = math.nan
@@ -52,12 +52,9 @@ def attitude(autopilot: Autopilot) -> Any:
     if not autopilot.estimator.attitude_known(autopilot.now_s):
         return None
     body = autopilot.body
-    return partial(
-        mavlink.MAVLink_attitude_message,
+    return layout(mavlink.MAVLink_attitude_message)(
         boot_ms(autopilot),
-        body.roll_rad,
-        body.pitch_rad,
-        body.yaw_rad,
+        *body.attitude_rad,
         0.0,
         0.0,
         body.yaw_rate_radps,
@@ -68,8 +65,7 @@ def local_position(autopilot: Autopilot) -> Any:
     """LOCAL_POSITION_NED."""
     if not autopilot.estimator.local_known(autopilot.now_s):
         return None
-    return partial(
-        mavlink.MAVLink_local_position_ned_message,
+    return layout(mavlink.MAVLink_local_position_ned_message)(
         boot_ms(autopilot),
         *autopilot.local_position_m(),
         *autopilot.body.velocity_mps,
@@ -81,13 +77,12 @@ def global_position(autopilot: Autopilot) -> Any:
     if autopilot.home_true_m is None or not autopilot.estimator.global_known(autopilot.now_s):
         return None
     point = autopilot.estimator.geodetic(autopilot.noisy_true_m())
-    home = autopilot.estimator.geodetic(autopilot.home_true_m)
+    home_m = autopilot.estimator.altitude_m(autopilot.home_true_m)
     vn, ve, vd = autopilot.body.velocity_mps
-    return partial(
-        mavlink.MAVLink_global_position_int_message,
+    return layout(mavlink.MAVLink_global_position_int_message)(
         boot_ms(autopilot),
         *geodetic_e7(point),
-        round((point.altitude_m - home.altitude_m) * 1e3),
+        round((point.altitude_m - home_m) * 1e3),
         round(vn * 100.0),
         round(ve * 100.0),
         round(vd * 100.0),
@@ -97,7 +92,7 @@ def global_position(autopilot: Autopilot) -> Any:
 
 def gps_global_origin(autopilot: Autopilot) -> Any:
     """GPS_GLOBAL_ORIGIN."""
-    return mavlink.MAVLink_gps_global_origin_message(
+    return layout(mavlink.MAVLink_gps_global_origin_message)(
         *geodetic_e7(autopilot.estimator.origin()), boot_us(autopilot)
     )
 
@@ -106,7 +101,7 @@ def home_position(autopilot: Autopilot, q: tuple[float, float, float, float]) ->
     """HOME_POSITION with an orientation that means nothing."""
     if autopilot.home_true_m is None:
         return None
-    return mavlink.MAVLink_home_position_message(
+    return layout(mavlink.MAVLink_home_position_message)(
         *geodetic_e7(autopilot.estimator.geodetic(autopilot.home_true_m)),
         *autopilot.estimator.to_local(autopilot.home_true_m),
         q,
@@ -120,26 +115,25 @@ def home_position(autopilot: Autopilot, q: tuple[float, float, float, float]) ->
 def system_time(autopilot: Autopilot) -> Any:
     """SYSTEM_TIME."""
     clock_us = CALENDAR_US + boot_us(autopilot)
-    return mavlink.MAVLink_system_time_message(clock_us, boot_ms(autopilot))
+    return layout(mavlink.MAVLink_system_time_message)(clock_us, boot_ms(autopilot))
 
 
 def timesync(autopilot: Autopilot) -> Any:
     """TIMESYNC as a question; ``incoming`` answers those of others."""
-    return partial(mavlink.MAVLink_timesync_message, 0, round(autopilot.now_s * 1e9))
+    return layout(mavlink.MAVLink_timesync_message)(0, round(autopilot.now_s * 1e9))
 
 
 def vfr_hud(autopilot: Autopilot, airspeed_mps: float, throttle_percent: int) -> Any:
     """VFR_HUD."""
     vn, ve, vd = autopilot.body.velocity_mps
-    point = autopilot.estimator.geodetic(autopilot.body.position_m)
+    altitude_m = autopilot.estimator.altitude_m(autopilot.body.position_m)
     heading = round(math.degrees(autopilot.body.yaw_rad)) % 360
-    return partial(
-        mavlink.MAVLink_vfr_hud_message,
+    return layout(mavlink.MAVLink_vfr_hud_message)(
         airspeed_mps,
         math.hypot(vn, ve),
         heading,
         throttle_percent,
-        point.altitude_m,
+        altitude_m,
         -vd,
     )
 

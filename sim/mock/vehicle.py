@@ -6,6 +6,7 @@ time, and sends what ``take_output`` returns.
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,6 @@ from sim.mock.dynamics import ZERO, PointMass, Response, Vector, Wind
 from sim.mock.faults import Fault, Schedule
 from sim.mock.incoming import handle
 from sim.mock.intruder import Intruder
-from sim.mock.packet import Packet
 from sim.mock.personality import Personality
 from sim.mock.placement import Place
 from sim.mock.px4.personality import PX4
@@ -109,7 +109,7 @@ class MockVehicle:
 
     def receive(self, link: int, data: bytes) -> None:
         """Take in bytes that arrived on a link."""
-        self._deliver(link, [Packet.of(data)])
+        self._deliver(link, [data])
 
     def advance(self, time_s: float) -> None:
         """Run until ``time_s``, tick by tick."""
@@ -124,14 +124,10 @@ class MockVehicle:
 
     def take_output(self) -> list[tuple[int, bytes]]:
         """Return (link, bytes) for everything to be sent, in order."""
-        return [(link, packet.data) for link, packet in self.take_packets()]
-
-    def take_packets(self) -> list[tuple[int, Packet]]:
-        """Return (link, packet) for everything to be sent, not yet put into bytes."""
-        output = []
+        output: list[tuple[int, bytes]] = []
         for link, (channel, wire) in enumerate(zip(self._channels, self._outbound, strict=True)):
             packets = wire.carry(self.time_s, channel.take_output())
-            output += [(link, packet) for packet in packets]
+            output += zip(repeat(link), packets)
         return output
 
     def log(self, line: str) -> None:
@@ -168,7 +164,7 @@ class MockVehicle:
             self._keyring.advance(TICK_S)
         self._schedule.tick(self.time_s, self)
         for link, wire in enumerate(self._inbound):
-            if not wire.is_empty:
+            if wire.under_way:
                 self._deliver(link, [])
         if self.intruder is not None:
             self._broadcast(self.intruder.tick(self.time_s), heard_by_us=True)
@@ -204,17 +200,18 @@ class MockVehicle:
             )
         )
 
-    def _deliver(self, link: int, packets: list[Packet]) -> None:
+    def _deliver(self, link: int, packets: list[bytes]) -> None:
         channel = self._channels[link]
         for packet in self._inbound[link].carry(self.time_s, packets):
-            for message in channel.decode(packet.data):
+            for message in channel.decode(packet):
                 self._heard[link].add((message.get_srcSystem(), message.get_srcComponent()))
                 self._hear(message, link, judged=True)
                 self._route(link, message)
 
     def _hear(self, message: Any, link: int, *, judged: bool) -> None:
-        others = (heard for number, heard in enumerate(self._heard) if number != link)
-        if not self._personality.is_for_us(message, self.settings.system_id, set().union(*others)):
+        others = [heard for number, heard in enumerate(self._heard) if number != link]
+        elsewhere = set().union(*others) if others else ()
+        if not self._personality.is_for_us(message, self.settings.system_id, elsewhere):
             return
         channel = self._channels[link]
         if message.get_type() in SETPOINTS:
@@ -244,7 +241,7 @@ class MockVehicle:
     def _broadcast(self, packets: Sequence[bytes], *, heard_by_us: bool) -> None:
         """Put packets of others on all links, as on a shared radio."""
         for packet in packets:
-            signed = self._keyring.sign(packet)
+            signed = self._keyring.sign_for_sender(packet)
             for channel in self._channels:
                 channel.pass_on(signed)
             if heard_by_us:

@@ -12,6 +12,7 @@ from sim.mock import telemetry as common
 from sim.mock.ardupilot.copter import ArduCopter
 from sim.mock.ardupilot.modes import Mode
 from sim.mock.dynamics import GRAVITY_MPS2
+from sim.mock.packet import layout
 from sim.mock.telemetry import boot_ms, boot_us, geodetic_e7, heading_cdeg, stick_pulses
 
 GPS_SENSOR = 0x20
@@ -41,7 +42,7 @@ def sys_status(copter: ArduCopter) -> Any:
     if copter.armed or copter.can_arm():
         health |= PREARM_CHECK
     battery = round(copter.battery.fraction * 100.0)
-    return mavlink.MAVLink_sys_status_message(
+    return layout(mavlink.MAVLink_sys_status_message)(
         present, enabled, health, 0, VOLTAGE_MV, 0, battery, *(0,) * 6
     )
 
@@ -51,13 +52,13 @@ def gps_raw(copter: ArduCopter) -> Any:
     if not copter.initialised:
         return None
     if not copter.estimator.global_known(copter.now_s):
-        return mavlink.MAVLink_gps_raw_int_message(0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
+        return layout(mavlink.MAVLink_gps_raw_int_message)(0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
     lost = copter.estimator.gps_lost_at_s is not None
     point = copter.estimator.gps(copter.body.position_m)
     north, east, _ = copter.body.velocity_mps
     stamp_us = round(math.floor(copter.now_s / GPS_PERIOD_S) * GPS_PERIOD_S * 1e6)
     latitude, longitude, altitude_mm = geodetic_e7(point)
-    return mavlink.MAVLink_gps_raw_int_message(
+    return layout(mavlink.MAVLink_gps_raw_int_message)(
         stamp_us, 1 if lost else 6, latitude, longitude, altitude_mm, 121, 200,
         round(math.hypot(north, east) * 100.0), heading_cdeg(math.atan2(east, north)),
         3 if lost else 10, altitude_mm, 300, 300, 0, 0, 0,
@@ -72,7 +73,7 @@ def battery_status(copter: ArduCopter) -> Any:
     voltages = (VOLTAGE_MV,) + (65535,) * 9
     remaining = round(copter.battery.fraction * 100.0)
     current = 2700 if copter.armed and not copter.landed else 0
-    return mavlink.MAVLink_battery_status_message(
+    return layout(mavlink.MAVLink_battery_status_message)(
         0, 0, 0, 32767, voltages, current, round(used_mah), round(used_mah * 0.45), remaining, 0, 1
     )
 
@@ -82,7 +83,9 @@ def servo_output(copter: ArduCopter) -> Any:
     if not copter.initialised:
         return None
     pulse = 1000 if not copter.armed else 1100 if copter.landed else 1550
-    return mavlink.MAVLink_servo_output_raw_message(boot_us(copter), 0, *(pulse,) * 4, *(0,) * 12)
+    return layout(mavlink.MAVLink_servo_output_raw_message)(
+        boot_us(copter), 0, *(pulse,) * 4, *(0,) * 12
+    )
 
 
 def rc_channels(copter: ArduCopter) -> Any:
@@ -91,7 +94,7 @@ def rc_channels(copter: ArduCopter) -> Any:
         return None
     roll, pitch, throttle, yaw = stick_pulses(copter.pilot.sticks)
     throttle = throttle if copter.pilot.radio else 1000
-    return mavlink.MAVLink_rc_channels_message(
+    return layout(mavlink.MAVLink_rc_channels_message)(
         boot_ms(copter), 8, roll, pitch, throttle, yaw, 1800, 1000, 1000, 1800, *(0,) * 10, 255
     )
 
@@ -107,21 +110,21 @@ def raw_imu(copter: ArduCopter) -> Any:
     """RAW_IMU."""
     if not copter.initialised:
         return None
-    return mavlink.MAVLink_raw_imu_message(boot_us(copter), *_imu(copter), 0, 2900)
+    return layout(mavlink.MAVLink_raw_imu_message)(boot_us(copter), *_imu(copter), 0, 2900)
 
 
 def scaled_imu2(copter: ArduCopter) -> Any:
     """SCALED_IMU2."""
     if not copter.initialised:
         return None
-    return mavlink.MAVLink_scaled_imu2_message(boot_ms(copter), *_imu(copter), 2900)
+    return layout(mavlink.MAVLink_scaled_imu2_message)(boot_ms(copter), *_imu(copter), 2900)
 
 
 def scaled_imu3(copter: ArduCopter) -> Any:
     """SCALED_IMU3: a compass only."""
     if not copter.initialised:
         return None
-    return mavlink.MAVLink_scaled_imu3_message(
+    return layout(mavlink.MAVLink_scaled_imu3_message)(
         boot_ms(copter), *(0,) * 6, *_imu(copter)[6:], 0
     )  # fmt: skip
 
@@ -134,7 +137,7 @@ def scaled_pressure(copter: ArduCopter) -> Any:
     """SCALED_PRESSURE."""
     if not copter.initialised:
         return None
-    return mavlink.MAVLink_scaled_pressure_message(
+    return layout(mavlink.MAVLink_scaled_pressure_message)(
         boot_ms(copter), _pressure_hpa(copter), 0.0, 2563
     )
 
@@ -143,7 +146,7 @@ def scaled_pressure2(copter: ArduCopter) -> Any:
     """SCALED_PRESSURE2."""
     if not copter.initialised:
         return None
-    return mavlink.MAVLink_scaled_pressure2_message(
+    return layout(mavlink.MAVLink_scaled_pressure2_message)(
         boot_ms(copter), _pressure_hpa(copter), 0.0, 2563
     )
 
@@ -152,30 +155,30 @@ def nav_controller_output(copter: ArduCopter) -> Any:
     """NAV_CONTROLLER_OUTPUT."""
     if not copter.initialised:
         return None
-    body, bearing = copter.body, round(math.degrees(copter.body.yaw_rad))
-    return mavlink.MAVLink_nav_controller_output_message(
-        math.degrees(body.roll_rad), math.degrees(body.pitch_rad), bearing, 0, 0, 0.0, 0.0, 0.0
+    roll, pitch, yaw = map(math.degrees, copter.body.attitude_rad)
+    return layout(mavlink.MAVLink_nav_controller_output_message)(
+        roll, pitch, round(yaw), 0, 0, 0.0, 0.0, 0.0
     )
 
 
 def mission_current(copter: ArduCopter) -> Any:
     """MISSION_CURRENT: none is loaded."""
-    return mavlink.MAVLink_mission_current_message(0, 0, 1) if copter.initialised else None
+    return layout(mavlink.MAVLink_mission_current_message)(0, 0, 1) if copter.initialised else None
 
 
 def power_status(copter: ArduCopter) -> Any:
     """POWER_STATUS."""
-    return mavlink.MAVLink_power_status_message(5000, 0, 0) if copter.initialised else None
+    return layout(mavlink.MAVLink_power_status_message)(5000, 0, 0) if copter.initialised else None
 
 
 def meminfo(copter: ArduCopter) -> Any:
     """MEMINFO."""
-    return mavlink.MAVLink_meminfo_message(0, 65535, 524288) if copter.initialised else None
+    return layout(mavlink.MAVLink_meminfo_message)(0, 65535, 524288) if copter.initialised else None
 
 
 def ahrs(copter: ArduCopter) -> Any:
     """AHRS: drift estimates, all zero."""
-    return mavlink.MAVLink_ahrs_message(*(0.0,) * 7) if copter.initialised else None
+    return layout(mavlink.MAVLink_ahrs_message)(*(0.0,) * 7) if copter.initialised else None
 
 
 def simstate(copter: ArduCopter) -> Any:
@@ -185,8 +188,8 @@ def simstate(copter: ArduCopter) -> Any:
     body = copter.body
     truth = copter.estimator.from_truth(body.position_m)
     north, east, down = body.acceleration_mps2
-    return mavlink.MAVLink_simstate_message(
-        body.roll_rad, body.pitch_rad, body.yaw_rad, north, east, down - GRAVITY_MPS2,
+    return layout(mavlink.MAVLink_simstate_message)(
+        *body.attitude_rad, north, east, down - GRAVITY_MPS2,
         0.0, 0.0, body.yaw_rate_radps, *geodetic_e7(truth)[:2],
     )  # fmt: skip
 
@@ -197,13 +200,13 @@ def system_time(copter: ArduCopter) -> Any:
         return None
     if copter.estimator.global_known(copter.now_s):
         return common.system_time(copter)
-    return mavlink.MAVLink_system_time_message(0, boot_ms(copter))
+    return layout(mavlink.MAVLink_system_time_message)(0, boot_ms(copter))
 
 
 def wind(copter: ArduCopter) -> Any:
     """WIND, once the estimator uses GPS: none is estimated."""
     known = copter.estimator.local_known(copter.now_s)
-    return mavlink.MAVLink_wind_message(-180.0, 0.0, 0.0) if known else None
+    return layout(mavlink.MAVLink_wind_message)(-180.0, 0.0, 0.0) if known else None
 
 
 def terrain_report(copter: ArduCopter) -> Any:
@@ -215,14 +218,16 @@ def terrain_report(copter: ArduCopter) -> Any:
         point = copter.estimator.geodetic(copter.body.position_m)
         latitude, longitude, _ = geodetic_e7(point)
         altitude_m = point.altitude_m
-    return mavlink.MAVLink_terrain_report_message(latitude, longitude, 0, 0.0, altitude_m, 504, 0)
+    return layout(mavlink.MAVLink_terrain_report_message)(
+        latitude, longitude, 0, 0.0, altitude_m, 504, 0
+    )
 
 
 def vibration(copter: ArduCopter) -> Any:
     """VIBRATION."""
     if not copter.initialised:
         return None
-    return mavlink.MAVLink_vibration_message(boot_us(copter), 0.003, 0.003, 0.003, 0, 0, 0)
+    return layout(mavlink.MAVLink_vibration_message)(boot_us(copter), 0.003, 0.003, 0.003, 0, 0, 0)
 
 
 def esc_telemetry(copter: ArduCopter) -> Any:
@@ -230,8 +235,8 @@ def esc_telemetry(copter: ArduCopter) -> Any:
     if not copter.estimator.attitude_known(copter.now_s):
         return None
     count = round(copter.now_s * 10.0) % 65536
-    return mavlink.MAVLink_esc_telemetry_1_to_4_message(
-        bytes((32,) * 4), (1679,) * 4, (80,) * 4, (1,) * 4, (0,) * 4, (count,) * 4
+    return layout(mavlink.MAVLink_esc_telemetry_1_to_4_message)(
+        (32,) * 4, (1679,) * 4, (80,) * 4, (1,) * 4, (0,) * 4, (count,) * 4
     )
 
 

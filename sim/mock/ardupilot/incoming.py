@@ -90,7 +90,7 @@ def _global_setpoint(copter: ArduCopter, channel: Channel, message: Any) -> None
     """SET_POSITION_TARGET_GLOBAL_INT: the same setpoint with its position on earth."""
     altitude_m = message.alt
     if message.coordinate_frame in RELATIVE_FRAMES and copter.home_true_m is not None:
-        altitude_m += copter.estimator.geodetic(copter.home_true_m).altitude_m
+        altitude_m += copter.estimator.altitude_m(copter.home_true_m)
     elif message.coordinate_frame not in AMSL_FRAMES:
         copter.receive_setpoint(None)
         return

@@ -19,6 +19,7 @@ from sim.mock.ardupilot.modes import (
     MODE_STABILIZE,
     Mode,
 )
+from sim.mock.packet import layout
 from sim.mock.telemetry import boot_ms, geodetic_e7, heading_cdeg
 
 LOCAL_NED, GLOBAL = 1, 0
@@ -49,13 +50,13 @@ def global_position(copter: ArduCopter) -> Any:
         return None
     if not copter.estimator.global_known(copter.now_s):
         heading = heading_cdeg(copter.body.yaw_rad)
-        return mavlink.MAVLink_global_position_int_message(
+        return layout(mavlink.MAVLink_global_position_int_message)(
             boot_ms(copter), 0, 0, 0, 0, 0, 0, 0, heading
         )
     if copter.home_true_m is not None:
         return common.global_position(copter)
     point = copter.estimator.geodetic(copter.noisy_true_m())
-    return mavlink.MAVLink_global_position_int_message(
+    return layout(mavlink.MAVLink_global_position_int_message)(
         boot_ms(copter), *geodetic_e7(point), 0, 0, 0, 0, heading_cdeg(copter.body.yaw_rad)
     )
 
@@ -105,7 +106,7 @@ def position_target_local(copter: ArduCopter) -> Any:
         velocity = flight.velocity_mps
     elif flight.guided is Guided.POSITION:
         position = copter.estimator.to_local(flight.target_true_m)
-    return mavlink.MAVLink_position_target_local_ned_message(
+    return layout(mavlink.MAVLink_position_target_local_ned_message)(
         boot_ms(copter), LOCAL_NED, mask, *position, *velocity, 0.0, 0.0, 0.0, 0.0, 0.0
     )
 
@@ -115,7 +116,7 @@ def position_target_global(copter: ArduCopter) -> Any:
     if copter.mode is not Mode.RTL:
         return None
     point = copter.estimator.geodetic(copter.flight.target_true_m)
-    return mavlink.MAVLink_position_target_global_int_message(
+    return layout(mavlink.MAVLink_position_target_global_int_message)(
         boot_ms(copter), GLOBAL, RETURN_MASK, *geodetic_e7(point)[:2], point.altitude_m,
         *(0.0,) * 8,
     )  # fmt: skip
@@ -131,8 +132,8 @@ def ahrs2(copter: ArduCopter) -> Any:
         point = copter.estimator.geodetic(body.position_m)
         latitude, longitude, _ = geodetic_e7(point)
         altitude_m = point.altitude_m
-    return mavlink.MAVLink_ahrs2_message(
-        body.roll_rad, body.pitch_rad, body.yaw_rad, altitude_m, latitude, longitude
+    return layout(mavlink.MAVLink_ahrs2_message)(
+        *body.attitude_rad, altitude_m, latitude, longitude
     )
 
 

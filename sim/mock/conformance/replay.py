@@ -98,10 +98,9 @@ class _Watch:
 
     def _look(self) -> bool:
         for name, build in self._builders.items():
-            built = build(self._autopilot)
-            if built is None:
+            message = build(self._autopilot)
+            if message is None:
                 continue
-            message = built() if not hasattr(built, "get_fieldnames") else built
             value = SAMPLED[name](message)
             changes = self.changes[name]
             if not changes or changes[-1][1] != value:

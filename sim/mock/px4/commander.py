@@ -239,14 +239,16 @@ class Px4(Autopilot):
         """Advance to ``now_s``; steps of 10 ms are meant, longer ones lose accuracy."""
         dt_s = now_s - self.now_s
         self.now_s = now_s
-        self.flight.blind = not self.estimator.ready(now_s)
-        self.mislead(self.estimator.drift_m(now_s, dt_s))
+        ready = self.estimator.ready(now_s)
+        self.flight.blind = not ready
+        if self.estimator.gps_lost_at_s is not None:
+            self.mislead(self.estimator.drift_m(now_s, dt_s))
         if self.home_true_m is None and self.estimator.global_known(now_s):
             self._set_home()
-        if self.pilot.grabs_sticks(self.parameters.number("MAN_OVERRIDE_SPD")):
+        if self.pilot.moves and self.pilot.grabs_sticks(self.parameters.number("MAN_OVERRIDE_SPD")):
             self._sticks_take_over()
         self._notice(dt_s)
-        if self.armed:
+        if self.armed and not (ready and self._all_is_well()):
             self._check_failsafe()
         if not self.armed:
             if self.body.on_ground:
@@ -289,8 +291,6 @@ class Px4(Autopilot):
             self.flight.enter(mode, self.home_true_m)
 
     def _check_failsafe(self) -> None:
-        if self._all_is_well():
-            return
         before = self.failsafe.mode
         self.failsafe.update(
             Situation(
@@ -313,11 +313,10 @@ class Px4(Autopilot):
         self._apply_mode()
 
     def _all_is_well(self) -> bool:
-        """Whether no failsafe can act, seen at a glance: so it is in most steps."""
+        """Whether with a position no failsafe can act, seen at a glance: so it is in most steps."""
         return (
             self.failsafe.rests
             and self.battery.fraction > HALF_FULL
-            and self.estimator.ready(self.now_s)
             and (self.intention is not Mode.OFFBOARD or self.setpoints_fresh())
             and self.failsafe.expects(pilot_present=self.pilot_present())
             and not self.parameters.number("GF_MAX_HOR_DIST")
@@ -343,6 +342,8 @@ class Px4(Autopilot):
         )
         if event is not None:
             self.say(INFO, event)
+        if not self.landed:
+            return
         key = "COM_DISARM_LAND" if self.ground.flown else "COM_DISARM_PRFLT"
-        if self.landed and 0.0 < self.parameters.number(key) <= self.ground.standing_s(self.now_s):
+        if 0.0 < self.parameters.number(key) <= self.ground.standing_s(self.now_s):
             self.disarm("landing" if self.ground.flown else "auto preflight disarming")

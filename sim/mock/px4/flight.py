@@ -89,7 +89,7 @@ class Flight:
             least_m = height if far else NEAR_HOME_M
             self._return_down_m = min(down, self.home_true_m[2] - least_m)
             above = self.home_true_m[2] - self._return_down_m
-            amsl = self.estimator.geodetic((0.0, 0.0, self._return_down_m)).altitude_m
+            amsl = self.estimator.altitude_m((0.0, 0.0, self._return_down_m))
             self._texts.append(
                 f"RTL: start return at {math.ceil(amsl)} m ({math.ceil(above)} m above destination)"
             )
@@ -248,7 +248,7 @@ class Flight:
         lowest = self.home_true_m[2] - self.parameters.number("MIS_TAKEOFF_ALT")
         if not math.isfinite(self.takeoff_altitude_m):
             return min(down_m, lowest)
-        ground_amsl_m = self.estimator.geodetic(ZERO).altitude_m
+        ground_amsl_m = self.estimator.altitude_m(ZERO)
         wanted = ground_amsl_m - self.takeoff_altitude_m
         if wanted > lowest:
             self._texts.append("Using minimum takeoff altitude")

@@ -5,7 +5,6 @@ recorded flights.
 """
 
 import math
-from functools import partial
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -13,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim.mock import telemetry as common
 from sim.mock.dynamics import GRAVITY_MPS2
 from sim.mock.estimator import subtract
+from sim.mock.packet import layout
 from sim.mock.px4.commander import Px4
 from sim.mock.px4.telemetry import quaternion
 from sim.mock.telemetry import NAN, boot_ms, boot_us, geodetic_e7, heading_cdeg, stick_pulses
@@ -34,8 +34,7 @@ def sys_status(px4: Px4) -> Any:
     if px4.armed or px4.can_arm():
         health |= PREARM_CHECK
     battery = px4.battery
-    return partial(
-        mavlink.MAVLink_sys_status_message,
+    return layout(mavlink.MAVLink_sys_status_message)(
         present,
         enabled,
         health,
@@ -56,8 +55,7 @@ def gps_raw(px4: Px4) -> Any:
     point = px4.estimator.gps(px4.body.position_m)
     vn, ve, _ = px4.body.velocity_mps
     latitude_e7, longitude_e7, altitude_mm = geodetic_e7(point)
-    return partial(
-        mavlink.MAVLink_gps_raw_int_message,
+    return layout(mavlink.MAVLink_gps_raw_int_message)(
         boot_us(px4),
         0 if lost else 3,
         latitude_e7,
@@ -82,7 +80,7 @@ def battery_status(px4: Px4) -> Any:
     battery = px4.battery
     voltages = (round(battery.voltage_v * 1e3),) + (65535,) * 9
     remaining = math.ceil(battery.fraction * 100.0)
-    return mavlink.MAVLink_battery_status_message(
+    return layout(mavlink.MAVLink_battery_status_message)(
         0, 1, 1, 32767, voltages, -1, 0, -1, remaining, 0, 1 if battery.fraction > 0.15 else 2
     )
 
@@ -94,15 +92,13 @@ def vfr_hud(px4: Px4) -> Any:
 
 def altitude(px4: Px4) -> Any:
     """ALTITUDE; NaN where nothing is known yet."""
-    amsl = px4.estimator.geodetic(px4.body.position_m).altitude_m
+    amsl = px4.estimator.altitude_m(px4.body.position_m)
     if px4.home_true_m is None:
-        return partial(
-            mavlink.MAVLink_altitude_message, boot_us(px4), amsl, NAN, NAN, NAN, NAN, NAN
-        )
+        return layout(mavlink.MAVLink_altitude_message)(boot_us(px4), amsl, NAN, NAN, NAN, NAN, NAN)
     local = -px4.estimator.to_local(px4.body.position_m)[2]
     relative = -subtract(px4.body.position_m, px4.home_true_m)[2]
-    return partial(
-        mavlink.MAVLink_altitude_message, boot_us(px4), amsl, amsl, local, relative, NAN, NAN
+    return layout(mavlink.MAVLink_altitude_message)(
+        boot_us(px4), amsl, amsl, local, relative, NAN, NAN
     )
 
 
@@ -111,8 +107,7 @@ def attitude_target(px4: Px4) -> Any:
     if not px4.controls:
         return None
     thrust = 0.0 if px4.landed else 0.5
-    return partial(
-        mavlink.MAVLink_attitude_target_message,
+    return layout(mavlink.MAVLink_attitude_target_message)(
         boot_ms(px4),
         0,
         quaternion(px4),
@@ -127,7 +122,7 @@ def highres_imu(px4: Px4) -> Any:
     """HIGHRES_IMU, level and without noise."""
     an, ae, ad = px4.body.acceleration_mps2
     pressure = 955.78 - 0.11 * -px4.body.position_m[2]
-    return partial(mavlink.MAVLink_highres_imu_message,
+    return layout(mavlink.MAVLink_highres_imu_message)(
         boot_us(px4), an, ae, ad - GRAVITY_MPS2, 0.0, 0.0, px4.body.yaw_rate_radps,
         0.213, 0.019, 0.428, pressure, 0.0, 489.4 - px4.body.position_m[2], 15.0, 63,
     )  # fmt: skip
@@ -138,22 +133,21 @@ def servo_output(px4: Px4) -> Any:
     if not px4.controls:
         return None
     pulse = 900 if not px4.armed else 1100 if px4.landed else 1500
-    return partial(
-        mavlink.MAVLink_servo_output_raw_message, boot_us(px4), 0, *(pulse,) * 4, *(900,) * 12
+    return layout(mavlink.MAVLink_servo_output_raw_message)(
+        boot_us(px4), 0, *(pulse,) * 4, *(900,) * 12
     )
 
 
 def scaled_pressure(px4: Px4) -> Any:
     """SCALED_PRESSURE."""
     pressure = 955.78 + 0.11 * px4.body.position_m[2]
-    return mavlink.MAVLink_scaled_pressure_message(boot_ms(px4), pressure, 0.0, 1182)
+    return layout(mavlink.MAVLink_scaled_pressure_message)(boot_ms(px4), pressure, 0.0, 1182)
 
 
 def distance_sensor(px4: Px4) -> Any:
     """DISTANCE_SENSOR, looking down."""
     height_cm = round(max(0.0, -px4.body.position_m[2]) * 100.0)
-    return partial(
-        mavlink.MAVLink_distance_sensor_message,
+    return layout(mavlink.MAVLink_distance_sensor_message)(
         boot_ms(px4),
         0,
         10000,
@@ -162,25 +156,28 @@ def distance_sensor(px4: Px4) -> Any:
         0,
         25,
         0,
-        signal_quality=1,
+        0.0,
+        0.0,
+        (0.0,) * 4,
+        1,
     )
 
 
 def vibration(px4: Px4) -> Any:
     """VIBRATION."""
-    return mavlink.MAVLink_vibration_message(boot_us(px4), 0.0, 0.01, 0.1, 0, 0, 0)
+    return layout(mavlink.MAVLink_vibration_message)(boot_us(px4), 0.0, 0.01, 0.1, 0, 0, 0)
 
 
 def mission_current(px4: Px4) -> Any:
     """MISSION_CURRENT: none is loaded."""
-    return mavlink.MAVLink_mission_current_message(0, 65535, 1, 2)
+    return layout(mavlink.MAVLink_mission_current_message)(0, 65535, 1, 2)
 
 
 def rc_channels(px4: Px4) -> Any:
     """RC_CHANNELS, only with a pilot."""
     if not px4.pilot_present():
         return None
-    return mavlink.MAVLink_rc_channels_message(
+    return layout(mavlink.MAVLink_rc_channels_message)(
         boot_ms(px4), 8, *stick_pulses(px4.pilot.sticks), *(1500,) * 4, *(65535,) * 10, 100
     )
 

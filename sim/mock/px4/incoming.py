@@ -105,7 +105,7 @@ def _global_setpoint(px4: Px4, channel: Channel, message: Any) -> None:
         return
     altitude_m = message.alt
     if message.coordinate_frame in _RELATIVE_FRAMES and px4.home_true_m is not None:
-        altitude_m += px4.estimator.geodetic(px4.home_true_m).altitude_m
+        altitude_m += px4.estimator.altitude_m(px4.home_true_m)
     point = GeoPoint(message.lat_int / 1e7, message.lon_int / 1e7, altitude_m)
     position_m = px4.estimator.to_local(px4.estimator.from_geodetic(point))
     _take(px4, message, name, position_m, MAV_FRAME_LOCAL_NED)

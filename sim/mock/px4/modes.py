@@ -24,40 +24,22 @@ class Mode(Enum):
     OFFBOARD = (6, 0)
     STABILIZED = (7, 0)
 
-    @property
-    def main(self) -> int:
+    def __init__(self, main: int, sub: int) -> None:
+        """Note once what is asked at every step."""
+        self.main = main
         """The main mode, as in DO_SET_MODE param2."""
-        return int(self.value[0])
-
-    @property
-    def sub(self) -> int:
+        self.sub = sub
         """The sub mode, as in DO_SET_MODE param3; 0 outside AUTO."""
-        return int(self.value[1])
-
-    @property
-    def custom_mode(self) -> int:
+        self.custom_mode = main << 16 | sub << 24
         """HEARTBEAT.custom_mode: main mode in byte 2, sub mode in byte 3."""
-        return self.main << 16 | self.sub << 24
-
-    @property
-    def is_external(self) -> bool:
+        self.is_external = main == 6
         """Whether the vehicle obeys setpoints in it."""
-        return self is Mode.OFFBOARD
-
-    @property
-    def needs_pilot(self) -> bool:
+        self.needs_pilot = main in (1, 2, 3, 7)
         """Whether somebody has to hold the sticks."""
-        return self.main in (1, 2, 3, 7)
-
-    @property
-    def is_auto(self) -> bool:
+        self.is_auto = main == 4
         """Whether the autopilot flies by itself."""
-        return self.main == 4
-
-    @property
-    def prevents_arming(self) -> bool:
+        self.prevents_arming = main == 4 and sub in (5, 6)
         """Whether arming is denied in this mode."""
-        return self in (Mode.RTL, Mode.LAND)
 
     @property
     def title(self) -> str:

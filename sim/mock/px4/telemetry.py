@@ -7,25 +7,25 @@ recorded flights.
 """
 
 import math
-from functools import partial
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.mock import telemetry as common
+from sim.mock.packet import layout
 from sim.mock.px4.commander import Px4
 from sim.mock.px4.modes import Mode
 from sim.mock.telemetry import NAN, boot_ms, boot_us, geodetic_e7
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
+COVARIANCE = (0.01, *(0.0,) * 20)
 LOCAL_NED = 1
 ESTIMATOR_AUTOPILOT = 8
 
 
 def quaternion(px4: Px4) -> tuple[float, float, float, float]:
     """Return the attitude as w, x, y, z."""
-    half_roll, half_pitch = px4.body.roll_rad / 2.0, px4.body.pitch_rad / 2.0
-    half_yaw = px4.body.yaw_rad / 2.0
+    half_roll, half_pitch, half_yaw = (angle / 2.0 for angle in px4.body.attitude_rad)
     cr, sr = math.cos(half_roll), math.sin(half_roll)
     cp, sp = math.cos(half_pitch), math.sin(half_pitch)
     cy, sy = math.cos(half_yaw), math.sin(half_yaw)
@@ -56,8 +56,7 @@ def attitude_quaternion(px4: Px4) -> Any:
     """ATTITUDE_QUATERNION."""
     if not px4.estimator.attitude_known(px4.now_s):
         return None
-    return partial(
-        mavlink.MAVLink_attitude_quaternion_message,
+    return layout(mavlink.MAVLink_attitude_quaternion_message)(
         boot_ms(px4),
         *quaternion(px4),
         0.0,
@@ -71,8 +70,7 @@ def odometry(px4: Px4) -> Any:
     """ODOMETRY: frames LOCAL_NED both, and the only sight of estimator resets (P20)."""
     if not px4.estimator.local_known(px4.now_s):
         return None
-    return partial(
-        mavlink.MAVLink_odometry_message,
+    return layout(mavlink.MAVLink_odometry_message)(
         boot_us(px4),
         LOCAL_NED,
         LOCAL_NED,
@@ -82,8 +80,8 @@ def odometry(px4: Px4) -> Any:
         0.0,
         0.0,
         px4.body.yaw_rate_radps,
-        (0.01,) + (0.0,) * 20,
-        (0.01,) + (0.0,) * 20,
+        COVARIANCE,
+        COVARIANCE,
         px4.estimator.reset_counter(px4.now_s),
         ESTIMATOR_AUTOPILOT,
         0,
@@ -92,7 +90,7 @@ def odometry(px4: Px4) -> Any:
 
 def extended_sys_state(px4: Px4) -> Any:
     """EXTENDED_SYS_STATE: landed or not."""
-    return partial(mavlink.MAVLink_extended_sys_state_message, 0, px4.landed_state)
+    return mavlink.MAVLink_extended_sys_state_message(0, px4.landed_state)
 
 
 def estimator_status(px4: Px4) -> Any:
@@ -122,8 +120,7 @@ def position_target_local(px4: Px4) -> Any:
         return None
     demand = px4.flight.demand
     if px4.landed:
-        return partial(
-            mavlink.MAVLink_position_target_local_ned_message,
+        return layout(mavlink.MAVLink_position_target_local_ned_message)(
             boot_ms(px4),
             LOCAL_NED,
             63,
@@ -140,8 +137,7 @@ def position_target_local(px4: Px4) -> Any:
         position, mask = setpoint.position_m, 0
     elif demand.position_m is not None:
         position, mask = px4.estimator.to_local(demand.position_m), 0
-    return partial(
-        mavlink.MAVLink_position_target_local_ned_message,
+    return layout(mavlink.MAVLink_position_target_local_ned_message)(
         boot_ms(px4),
         LOCAL_NED,
         mask,
@@ -159,7 +155,7 @@ def position_target_global(px4: Px4) -> Any:
     if not px4.armed or target is None or not px4.mode.is_auto:
         return None
     point = px4.estimator.geodetic(target)
-    return mavlink.MAVLink_position_target_global_int_message(
+    return layout(mavlink.MAVLink_position_target_global_int_message)(
         boot_ms(px4),
         mavlink.MAV_FRAME_GLOBAL_INT,
         0,

@@ -7,11 +7,14 @@ newer definitions can read them. Layouts and checksum seeds are those of the rec
 import struct
 from typing import Any
 
-from sim.mock.packet import RawMessage
+from sim.mock.packet import Definition
 from sim.mock.px4.commander import Px4
 from sim.mock.telemetry import boot_us
 
-ESC_INFO_ID, ESC_STATUS_ID, PROTOCOL_VERSION_ID, CURRENT_MODE_ID = 290, 291, 300, 436
+ESC_INFO = Definition(290, crc_extra=251)
+ESC_STATUS = Definition(291, crc_extra=10)
+PROTOCOL_VERSION = Definition(300, crc_extra=217)
+CURRENT_MODE = Definition(436, crc_extra=193)
 MOTORS = 4
 
 
@@ -29,7 +32,7 @@ def esc_info(px4: Px4) -> Any:
         0,
         15,
     )
-    return RawMessage(ESC_INFO_ID, "ESC_INFO", 251, fields)
+    return ESC_INFO, fields
 
 
 def esc_status(px4: Px4) -> Any:
@@ -38,16 +41,16 @@ def esc_status(px4: Px4) -> Any:
     fields = struct.pack(
         "<Q4i4f4fB", boot_us(px4), *(rpm,) * MOTORS, *(0.0,) * MOTORS, *(0.0,) * MOTORS, 0
     )
-    return RawMessage(ESC_STATUS_ID, "ESC_STATUS", 10, fields)
+    return ESC_STATUS, fields
 
 
 def current_mode(px4: Px4) -> Any:
     """CURRENT_MODE: the mode that flies and the one that was asked for."""
     fields = struct.pack("<IIB", px4.mode.custom_mode, px4.intention.custom_mode, 0)
-    return RawMessage(CURRENT_MODE_ID, "CURRENT_MODE", 193, fields)
+    return CURRENT_MODE, fields
 
 
 def protocol_version(px4: Px4) -> Any:
     """PROTOCOL_VERSION: MAVLink 2, from 1 to 2; the hashes of the definitions say nothing."""
     fields = struct.pack("<3H16x", 200, 100, 200)
-    return RawMessage(PROTOCOL_VERSION_ID, "PROTOCOL_VERSION", 217, fields)
+    return PROTOCOL_VERSION, fields
