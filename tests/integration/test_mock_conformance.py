@@ -19,6 +19,7 @@ from sim.mock.bench import Bench
 from sim.mock.conformance.compare import compare
 from sim.mock.conformance.recording import interpret, read_recording
 from sim.mock.conformance.table import Row, as_text
+from sim.mock.packet import Packer
 from sim.mock.placement import place_vehicle
 from sim.mock.px4.personality import PX4
 from sim.mock.vehicle import Settings
@@ -81,8 +82,12 @@ class Log(Bench):
         self.sent = []
 
     def send(self, message, *, link=0, identity=None):
-        codec = mavlink.MAVLink(None, *(identity or self.identity))
-        self.sent.append((self.time_s, message.pack(codec, force_mavlink1=len(self.sent) % 2 == 0)))
+        sender = identity or self.identity
+        packet = Packer(*sender).pack(message)
+        if len(self.sent) % 2 == 0:
+            codec = mavlink.MAVLink(None, *sender)
+            packet = codec.decode(bytearray(packet)).pack(codec, force_mavlink1=True)
+        self.sent.append((self.time_s, packet))
         super().send(message, link=link, identity=identity)
 
     def frames(self):
