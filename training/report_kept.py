@@ -1,7 +1,7 @@
 """What an earlier report says of runs that are planned again: measured once is enough.
 
-Checkpoints are large and are deleted; a report is small and is kept. Training repeats itself, so a
-run of the same preset, seed and start need not be made a second time for another report.
+Checkpoints are large and get deleted; a report is small and stays. A run of the same preset, seed
+and start need not be made a second time for the next report.
 """
 
 from collections.abc import Iterable, Sequence
