@@ -1,6 +1,7 @@
 """What stands out in a flight: the lines that a reviewer should read first."""
 
 import itertools
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -31,7 +32,11 @@ def is_grave(event: Event) -> bool:
 def findings(flight: Flight) -> list[Event]:
     """Return what stands out, in order; lines of one kind that follow each other are one."""
     grave = [event for event in flight.events if is_grave(event)]
-    found = [*grave, *_of_bands(flight), *_of_curves(flight)]
+    states = flight.bands.get("companion", [])
+    flown_s = min((begin_s for begin_s, word in states if word in _FLYING), default=math.inf)
+    began_s = flown_s if states else 0.0  # what a session measures on the ground is preparation
+    measured = [*_of_bands(flight), *_of_curves(flight)]
+    found = [*grave, *(line for line in measured if line.time_s >= began_s)]
     return _joined(sorted(found, key=lambda event: event.time_s))
 
 

@@ -15,6 +15,8 @@ from companion.vehicle import Severity
 
 _SILENCE_S = 1.5
 _MANY_PERCENT = 2.0
+_MANY_TWICE_PERCENT = 0.5
+_FAR_BEHIND = 128  # sequence numbers, of 256: the sender has begun anew
 _PLAIN = {message_id: message.msgname for message_id, message in dialect.mavlink_map.items()}
 
 
@@ -26,6 +28,7 @@ class LinkQuality:
         self._last_sequence: dict[tuple[int, int], int] = {}
         self._heard: Counter[tuple[int, int]] = Counter()
         self._lost: Counter[tuple[int, int]] = Counter()
+        self._twice: Counter[tuple[int, int]] = Counter()
         self._last_s: float | None = None
         self._second = -1
         self._in_second: Counter[str] = Counter()
@@ -39,7 +42,9 @@ class LinkQuality:
         sender = (frame.system_id, frame.component_id)
         last = self._last_sequence.get(sender)
         gap = 0 if last is None else (frame.sequence - last - 1) % 256
-        if gap < 128:
+        if last == frame.sequence:
+            self._twice[sender] += 1
+        elif gap < _FAR_BEHIND:
             self._last_sequence[sender] = frame.sequence
             self._lost[sender] += gap
         self._heard[sender] += 1
@@ -69,8 +74,12 @@ class LinkQuality:
             percent = 100.0 * lost / (heard + lost)
             if sender == (story.vehicle, story.component):
                 story.facts.append(("Packets lost", f"{percent:.2f} % of {heard + lost}"))
+                twice = 100.0 * self._twice[sender] / heard
                 if percent > _MANY_PERCENT:
                     text = f"{percent:.1f} % of the vehicle's packets were LOST over the whole log"
+                    story.warn(end_s, text)
+                if twice > _MANY_TWICE_PERCENT:
+                    text = f"{twice:.1f} % of the vehicle's packets came TWICE over the whole log"
                     story.warn(end_s, text)
 
     def _next_second(self, second: int) -> None:

@@ -171,10 +171,14 @@ def headline(story: LogStory) -> str:
     facts = dict(story.story.facts)
     grave = [event for event in story.events if event.severity <= Severity.WARNING]
     flown = facts.get("In the air")
-    words = "never took off" if flown is None else f"{flown} in the air"
+    placed = any(tick.position_enu_m is not None for tick in story.ticks)
+    never = "never took off" if placed else "no position in it: whether it flew is not told"
+    words = never if flown is None else f"{flown} in the air"
     if story.story.in_air:
         words += ", not landed by the end of the log"
-    return f"{words}; {len(grave)} warnings" if grave else f"{words}; nothing stands out"
+    if not grave:
+        return f"{words}; nothing stands out"
+    return f"{words}; {len(grave)} warning{'s' if len(grave) > 1 else ''}"
 
 
 def _page(story: LogStory) -> str:

@@ -26,6 +26,7 @@ from companion.session.records import Event, Tick
 from companion.vehicle import Severity
 from companion.world.frames import GeoPoint
 
+_TOLD_STEPS = 3  # of the log's clock
 _HOLE_S = 60.0  # no ticks are made up for a longer silence
 _VERSION = dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 
@@ -81,6 +82,7 @@ def read_story(path: Path) -> LogStory:
     for part in parts:
         part.finish(end_s)
     link.finish(end_s)
+    motion.finish()
     ticks = with_rates(_on_ground(motion), link.rates_hz)
     for begin_s, until_s in deaf_times(ticks):
         story.warn(
@@ -92,8 +94,11 @@ def read_story(path: Path) -> LogStory:
         story.tell(0.0, f"another autopilot is heard too: system {other}", Severity.NOTICE)
     if log.bad_bytes:
         story.tell(end_s, f"{log.bad_bytes} bytes of the log could not be read", Severity.NOTICE)
-    if log.clock_steps:
-        story.tell(end_s, f"the log's clock was set {log.clock_steps} times", Severity.NOTICE)
+    for at_s, step_s in log.clock_steps[:_TOLD_STEPS]:
+        what = "went BACK" if step_s < 0.0 else "jumped AHEAD"
+        story.warn(at_s, f"the log's clock {what} by {abs(step_s):.0f} s; time goes on without it")
+    if len(log.clock_steps) > _TOLD_STEPS:
+        story.warn(end_s, f"the log's clock was set {len(log.clock_steps)} times")
     story.facts[:0] = _flight_facts(ticks, end_s)
     story.facts += following_facts(ticks, PERIOD_S)
     return LogStory(path, log.start_utc_us, end_s, senders, version, story, ticks, motion.earth)

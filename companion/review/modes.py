@@ -11,6 +11,7 @@ from companion.vehicle import Severity
 
 _ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 _FAILSAFE_S = 4.0
+_CAUSE_S = 8.0
 _STREAM_BACK_S = 3.0
 _STREAMING_S = 0.5
 _AFTER_LANDING_S = 15.0
@@ -31,6 +32,7 @@ class Modes:
         self._mode_name = mode_name
         self._mode: str | None = None
         self._last_s: float | None = None
+        self._booting = False
         self.handlers: Mapping[int, Callable[[Message], None]] = {
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat
         }
@@ -54,6 +56,10 @@ class Modes:
         armed = bool(beat.base_mode & _ARMED)
         status = _STATUS.get(beat.system_status, "")
         first = self._mode is None
+        booting = beat.system_status == dialect.MAV_STATE_BOOT
+        if booting and not first and not self._booting:
+            story.warn(now_s, "the autopilot BOOTS: it has restarted")
+        self._booting = booting
         was_armed, story.armed = story.armed, armed
         story.external = obeys_setpoints(mode)
         story.band("motors", now_s, "armed" if armed else "disarmed")
@@ -109,7 +115,7 @@ class Modes:
         elif mode == "OFFBOARD" and self._stream_is_back(now_s):
             reason, severity = "BY ITSELF: setpoints flow again", Severity.WARNING
         else:
-            reason = "nobody on this link asked: the pilot, or the autopilot itself"
+            reason = "nobody on this link asked: the pilot, someone else, or the autopilot"
             severity = Severity.WARNING if story.in_air else Severity.NOTICE
         story.tell(now_s, f"mode {before} -> {mode}: {reason}", severity)
 
@@ -125,9 +131,12 @@ class Modes:
             return ""
         since_s = now_s - last_s
         if since_s < _STREAMING_S:
+            cause = self._story.last_warning(now_s - _CAUSE_S)
+            if cause:
+                return f", soon after this: {cause}"
             return (
                 ", although setpoints were SENT all the time: they were lost on the way, or "
-                "it is about something else"
+                "it is about something that this link does not tell"
             )
         return f", {since_s:.1f} s after the last setpoint"
 

@@ -20,6 +20,7 @@ _FRESH_S = 1.0
 _SETPOINT_FRESH_S = 0.5
 _FARTHEST_M = 1e6
 _JUMP_M = 1.5
+_TOLD_JUMPS, _CALM_S = 3, 10.0  # of those that follow each other faster, the first few are told
 _LOCAL = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 _GLOBAL = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 _ATTITUDE = dialect.MAVLINK_MSG_ID_ATTITUDE
@@ -47,6 +48,7 @@ class MotionLog:
         self._has_local = False
         self._others: dict[int, tuple[float, FloatArray]] = {}
         self._last: tuple[float, FloatArray, FloatArray] | None = None
+        self._jumps: list[tuple[float, float]] = []
         self.ground_m: float | None = None
         """Height of the ground at the take-off."""
         self.origin: GeoPoint | None = None
@@ -107,6 +109,18 @@ class MotionLog:
                 position_age_s=self._age(_LOCAL if self._has_local else _GLOBAL, now_s),
             )
         )
+
+    def finish(self) -> None:
+        """Tell the jumps that were too many to be told one by one."""
+        more = self._jumps[_TOLD_JUMPS:]
+        if more:
+            largest_m = max(distance_m for _, distance_m in more)
+            self._story.warn(
+                more[0][0],
+                f"the position JUMPED {len(more)} more times until {more[-1][0]:.1f} s, by up to "
+                f"{largest_m:.1f} m: it is noisy, or its estimator does not settle",
+            )
+        self._jumps = []
 
     def _age(self, message_id: int, now_s: float) -> float | None:
         frame = self._newest.get(message_id)
@@ -187,12 +201,17 @@ class MotionLog:
         allowed_m = _JUMP_M + 0.5 * float(np.linalg.norm(speed)) * since_s
         distance_m = float(np.linalg.norm(jump))
         if distance_m > allowed_m:
+            now_s = self.ticks[-1].time_s + PERIOD_S if self.ticks else 0.0
+            if self._jumps and now_s - self._jumps[-1][0] > _CALM_S:
+                self.finish()
+            self._jumps.append((now_s, distance_m))
             east, north, up = jump
-            self._story.warn(
-                self.ticks[-1].time_s + PERIOD_S if self.ticks else 0.0,
-                f"the position JUMPED by {distance_m:.1f} m "
-                f"({east:+.1f} east, {north:+.1f} north, {up:+.1f} up)",
-            )
+            if len(self._jumps) <= _TOLD_JUMPS:
+                self._story.warn(
+                    now_s,
+                    f"the position JUMPED by {distance_m:.1f} m "
+                    f"({east:+.1f} east, {north:+.1f} north, {up:+.1f} up)",
+                )
 
 
 def _sane(

@@ -12,6 +12,7 @@ from companion.vehicle import Severity
 _OLD_S = 2.0
 _FASTEST_MPS = 60.0
 _JUMP_M = 15.0
+_TWO_PLACES = 3  # jumps without a steady report between them
 _METRES_PER_DEGREE = 111_320.0
 
 
@@ -23,6 +24,8 @@ class _Report:
     """When it last said something new."""
     content: tuple[int, ...]
     told: bool = False
+    jumps: int = 0
+    """To and fro, one after the other."""
 
 
 class Others:
@@ -76,5 +79,15 @@ class Others:
         shrink = math.cos(math.radians(content[0] * 1e-7))
         east_m = (content[1] - report.content[1]) * 1e-7 * _METRES_PER_DEGREE * shrink
         moved_m = math.hypot(north_m, east_m)
-        if moved_m > _JUMP_M + _FASTEST_MPS * (now_s - report.new_s):
+        if moved_m <= _JUMP_M + _FASTEST_MPS * (now_s - report.new_s):
+            report.jumps = 0 if report.jumps < _TWO_PLACES else report.jumps
+            return
+        report.jumps += 1
+        if report.jumps < _TWO_PLACES:
             self._story.warn(now_s, f"system {system_id} JUMPED by {moved_m:.0f} m")
+        elif report.jumps == _TWO_PLACES:
+            self._story.warn(
+                now_s,
+                f"system {system_id} reports from TWO PLACES, {moved_m:.0f} m apart, in turn: "
+                "do two systems share that id?",
+            )

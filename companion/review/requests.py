@@ -9,6 +9,7 @@ from companion.review.story import Message, Story
 from companion.vehicle import Severity
 
 _ANSWER_S = 3.0
+_SLOW_S = 1.0
 _REPEAT_S = 5.0  # a refusal that is repeated this fast is told once
 _ACCEPTED = (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS)
 _TOLD = {
@@ -60,6 +61,7 @@ class Requests:
         self._mode_name = mode_name
         self._px4 = px4
         self._recent: list[Request] = []
+        self._slowest = (0.0, 0.0, "")
         self._refused: dict[tuple[tuple[int, int], int, int], float] = {}
         self.handlers: Mapping[int, Callable[[Message], None]] = {
             dialect.MAVLINK_MSG_ID_COMMAND_LONG: self._long,
@@ -84,8 +86,11 @@ class Requests:
         return ""
 
     def finish(self, end_s: float) -> None:
-        """Tell what never was answered."""
+        """Tell what never was answered, and how late the latest answer was."""
         self._forget(end_s)
+        late_s, at_s, words = self._slowest
+        if late_s > _SLOW_S:
+            self._story.warn(at_s, f"answers come LATE: {late_s:.1f} s to that to {words}")
 
     def _lately(self, now_s: float) -> list[Request]:
         return [
@@ -179,6 +184,9 @@ class Requests:
             ):
                 continue
             self._recent[index] = replace(request, result=int(fields.result))
+            if request.result is None:
+                late_s = message.time_s - request.time_s
+                self._slowest = max(self._slowest, (late_s, message.time_s, request.words))
             key = (request.who, request.command, int(fields.result))
             told_s = self._refused.get(key, -_REPEAT_S)
             if fields.result not in _ACCEPTED and message.time_s - told_s >= _REPEAT_S:

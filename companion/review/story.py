@@ -76,6 +76,17 @@ class Story:
         """Add a line of our own that nobody should miss."""
         self.tell(time_s, text, Severity.WARNING)
 
+    def last_warning(self, since_s: float) -> str:
+        """Return the newest warning of our own that is no older than ``since_s``, empty if none."""
+        lately = [
+            event
+            for event in self.events
+            if event.severity is Severity.WARNING
+            and event.source == "review"
+            and event.time_s >= since_s
+        ]
+        return lately[-1].text if lately else ""
+
     def band(self, name: str, time_s: float, word: str) -> bool:
         """Set a state; return whether that is a change."""
         changes = self.bands.setdefault(name, [])

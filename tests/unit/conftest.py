@@ -1,6 +1,8 @@
-"""A link on a memory transport, what an autopilot says on it, and a random city."""
+"""A link on a memory transport, what an autopilot says on it, a telemetry log, a random city."""
 
+import lzma
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -86,6 +88,88 @@ class Bench:
             self.answers[message.command](message)
 
 
+OFFBOARD = 0x60000
+ARMED = 128
+
+
+class FlightLog:
+    """Writes a telemetry log as a link would, of a PX4 under the setpoints of a companion."""
+
+    start_us = 1_795_356_187_000_000
+    good_flags = 0x37F
+
+    def __init__(self, folder):
+        self.path = folder / "flight.tlog"
+        self.data = b""
+        self.senders = {}
+
+    def add(self, time_s, message, system=1, component=1):
+        sender = self.senders.setdefault(
+            (system, component), dialect.MAVLink(None, system, component)
+        )
+        frame = bytes(message.pack(sender))
+        sender.seq = (sender.seq + 1) % 256
+        self.data += (self.start_us + round(time_s * 1e6)).to_bytes(8, "big") + frame
+
+    def lose(self, count):
+        """Let sequence numbers of the vehicle go by; the last comes again with -1."""
+        sender = self.senders[1, 1]
+        sender.seq = (sender.seq + count) % 256
+
+    def heartbeat(self, time_s, mode, *, armed=True, status=4):
+        base = 1 | (ARMED if armed else 0)
+        self.add(time_s, dialect.MAVLink_heartbeat_message(2, 12, base, mode, status, 3))
+
+    def position(self, time_s, north, *, up=10.0, speed=2.0):
+        at_ms = round(time_s * 1000)
+        message = dialect.MAVLink_local_position_ned_message(at_ms, north, 0.0, -up, speed, 0, 0)
+        self.add(time_s, message)
+
+    def setpoint(self, time_s, component=191):
+        message = dialect.MAVLink_set_position_target_local_ned_message(
+            0, 1, 1, 1, 3527, 0, 0, 0, 2.0, 0, 0, 0, 0, 0, 0, 0
+        )
+        self.add(time_s, message, 1, component)
+
+    def fly(
+        self,
+        *,
+        begin_s=0.0,
+        end_s=20.0,
+        mode=lambda _: OFFBOARD,
+        status=lambda _: 4,
+        sends=lambda _: True,
+        speaks=lambda _: True,
+        north=lambda t: 2.0 * t,
+        fix=lambda _: 3,
+        flags=lambda _: FlightLog.good_flags,
+        extra=lambda _log, _t: None,
+    ):
+        """Fly north at 2 m/s under the setpoints of a companion at 10 Hz."""
+        for index in range(round(begin_s * 10), round(end_s * 10)):
+            t = index / 10
+            if speaks(t):
+                if index % 10 == 0:
+                    self.heartbeat(t, mode(t), status=status(t))
+                    self.add(t, dialect.MAVLink_extended_sys_state_message(0, 2))
+                    self.add(t, dialect.MAVLink_estimator_status_message(0, flags(t), *[0] * 8))
+                    self.add(t, dialect.MAVLink_gps_raw_int_message(0, fix(t), *[0] * 7, 10))
+                self.position(t + 0.01, north(t))
+            if sends(t):
+                self.setpoint(t + 0.02)
+            extra(self, t)
+
+    def write(self):
+        """Write the file and return its path."""
+        self.path.write_bytes(self.data)
+        return self.path
+
+
+@pytest.fixture
+def flight_log(tmp_path):
+    return FlightLog(tmp_path)
+
+
 @pytest.fixture
 def bench(memory_transport, sender):
     return Bench(memory_transport(), sender)
@@ -111,3 +195,12 @@ def random_city():
         return footprints, rng.uniform(10.0, 90.0, count)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def real_logs(tmp_path_factory):
+    """The two recordings of real autopilots, unpacked into a folder."""
+    folder = tmp_path_factory.mktemp("real")
+    for packed in (Path(__file__).parents[1] / "data").glob("*.tlog.xz"):
+        (folder / packed.stem).write_bytes(lzma.decompress(packed.read_bytes()))
+    return folder
