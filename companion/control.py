@@ -44,6 +44,8 @@ ARRIVAL_RADIUS_M = 5.0
 """PAPER E9: the paper gives no radius; its text admits a lack of precision."""
 MOVING_TARGET_MPS = 0.2
 ABANDON_S = 2.0
+ON_TIME_S = 0.005
+"""A tick no later than this decides for the moment it was due."""
 RATES_PERIOD_S = 1.0
 _ZERO = np.zeros(3)
 _OURS = (Phase.ENGAGED, Phase.HOLDING, Phase.HANDING_OVER)
@@ -92,6 +94,7 @@ class Flight:
         stop_requested: Callable[[], bool],
         session_start_s: float | None = None,
         alive: Callable[[str], None] | None = None,
+        think_ahead_s: float = 0.0,
     ) -> None:
         """Prepare a flight; nothing is sent before ``run``.
 
@@ -103,9 +106,13 @@ class Flight:
             stop_requested: Asked once a tick; ``True`` ends the flight in an orderly way.
             session_start_s: Zero of the recorded times; now, if not given.
             alive: Told the phase at the end of every tick, for a watchdog; must never block.
+            think_ahead_s: So long before a tick the policy is asked about the position that is
+                there by then; the tick asks again only if a newer one has come. Changes nothing but
+                the latency.
         """
         self._vehicle, self._mission, self._shield = vehicle, mission, shield
         self._record, self._stop_requested, self._alive = record, stop_requested, alive
+        self._think_ahead_s = think_ahead_s
         self._start_s = vehicle.now_s()
         self._session_start_s = self._start_s if session_start_s is None else session_start_s
         self._positions = Positions(
@@ -132,6 +139,9 @@ class Flight:
         tick = 0
         while True:
             deadline_s = self._start_s + tick * period_s
+            if self._think_ahead_s > 0.0:
+                self._vehicle.wait_until(deadline_s - self._think_ahead_s)
+                self._propose(*self._look(self._vehicle.state(), deadline_s))
             self._vehicle.wait_until(deadline_s)
             directive = self._step(deadline_s)
             if directive.outcome is not None:
@@ -159,12 +169,15 @@ class Flight:
             self._vehicle.wait_until(self._vehicle.now_s() + 1.0 / self._mission.rate_hz)
 
     def _step(self, deadline_s: float) -> Directive:
-        now_s, state = self._vehicle.now_s(), self._vehicle.state()
-        pose, frame_moved = self._positions.update(state, self._vehicle.targets())
-        events = list(self._vehicle.take_events())
-        target = self._positions.target(now_s)
+        now_s = self._vehicle.now_s()
+        state, events = self._vehicle.state(), list(self._vehicle.take_events())
+        due_s = deadline_s if now_s - deadline_s < ON_TIME_S else now_s
+        pose, target = self._look(state, due_s)
         proposal = self._propose(pose, target)
-        situation = self._situation(now_s, state, pose, frame_moved, target, events)
+        if proposal is not None:
+            usable = all(map(math.isfinite, proposal.velocity_enu_mps.tolist()))
+            self._policy_failures = 0 if usable else self._policy_failures + 1
+        situation = self._situation(now_s, state, pose, target, events)
 
         directive = self._supervisor.update(situation)
         if directive.request is not None:
@@ -206,12 +219,18 @@ class Flight:
             self._guide.work(pose.position_enu_m, target.position_enu_m)
         return directive
 
+    def _look(
+        self, state: VehicleState | None, time_s: float
+    ) -> tuple[Pose | None, TargetEstimate]:
+        """Return where the vehicle was last seen, and the target as it stands at ``time_s``."""
+        pose = self._positions.update(state, self._vehicle.targets())
+        return pose, self._positions.target(time_s)
+
     def _situation(
         self,
         now_s: float,
         state: VehicleState | None,
         pose: Pose | None,
-        frame_moved: bool,
         target: TargetEstimate,
         events: list[VehicleEvent],
     ) -> Situation:
@@ -244,7 +263,7 @@ class Flight:
             else "",
             foreign_setpoint=foreign[-1] if foreign else "",
             rebooted=any(event.kind is EventKind.REBOOT for event in events),
-            frame_moved=frame_moved,
+            frame_moved=self._positions.take_frame_moved(),
             policy_failures=self._policy_failures,
             frame_untied=self._positions.untied,
             stop_requested=self._stop_requested(),
@@ -267,10 +286,7 @@ class Flight:
                 ahead=self._guide.ahead(pose.position_enu_m, target_enu_m),
             )
             self._proposed = _Proposed(proposal, pose, target_enu_m, self._guide.found)
-        proposal = self._proposed.proposal
-        usable = all(map(math.isfinite, proposal.velocity_enu_mps.tolist()))
-        self._policy_failures = 0 if usable else self._policy_failures + 1
-        return proposal
+        return self._proposed.proposal
 
     def _guard(
         self, directive: Directive, pose: Pose | None, proposal: Proposal | None

@@ -121,7 +121,7 @@ class _Heard:
 
 def _listen(vehicle: MavlinkVehicle, config: PreflightConfig, city: Map) -> _Heard:
     source = TargetSource(config.target_enu_m(), config.target_geodetic(), config.target_sysid)
-    positions = Positions(city, source)
+    positions = Positions(city, source, earth_radius_m=vehicle.info.earth_radius_m)
     start_s = heartbeat_s = now_s = vehicle.now_s()
     heard = _Heard(source, positions.target(now_s))
     while now_s < start_s + LISTEN_S:
@@ -133,8 +133,8 @@ def _listen(vehicle: MavlinkVehicle, config: PreflightConfig, city: Map) -> _Hea
         vehicle.wait_until(now_s + _SAMPLE_S)
         now_s, state = vehicle.now_s(), vehicle.state()
         heard.events += vehicle.take_events()
-        heard.pose, moved = positions.update(state, vehicle.targets())
-        heard.frame_moved |= moved
+        heard.pose = positions.update(state, vehicle.targets())
+        heard.frame_moved |= positions.take_frame_moved()
         heard.state, heard.target = state, positions.target(now_s)
         if state is not None and now_s - start_s > _SETTLE_S:
             heard.position_age_max_s = max(heard.position_age_max_s, now_s - state.time_s)

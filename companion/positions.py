@@ -77,6 +77,7 @@ class Positions:
         self._tie: LocalTie | None = None
         self._tied_with_origin = False
         self._frame_epoch: int | None = None
+        self._frame_moved = False
         self._ground_down_m: float | None = None
         self._posed: _Posed | None = None
         self._geodetic_pending = source.geodetic
@@ -92,15 +93,14 @@ class Positions:
 
     def update(
         self, state: VehicleState | None, reports: Mapping[int, TargetReport]
-    ) -> tuple[Pose | None, bool]:
+    ) -> Pose | None:
         """Take in the newest telemetry.
 
         Returns:
-            The vehicle on the map (``None`` while it cannot be placed), and whether the local
-            frame has moved since the last call.
+            The vehicle on the map, ``None`` while it cannot be placed.
         """
         if state is None:
-            return None, False
+            return None
         self._look_at_residual(state)
         moved = self._frame_epoch is not None and state.frame_epoch != self._frame_epoch
         has_origin = state.origin is not None
@@ -108,6 +108,7 @@ class Positions:
             self._tie = self._tie_map(state)
             self._tied_with_origin = has_origin
         if moved:
+            self._frame_moved = True
             self.track.forget()
             self._geodetic_pending = self._source.geodetic
         self._frame_epoch = state.frame_epoch
@@ -115,9 +116,14 @@ class Positions:
         if self._ground_down_m is None or state.landed is LandedState.ON_GROUND:
             self._ground_down_m = down_m
         if self._tie is None:
-            return None, moved
+            return None
         self._take_reports(self._tie, reports)
-        return self._placed(self._tie, state, self._ground_down_m), moved
+        return self._placed(self._tie, state, self._ground_down_m)
+
+    def take_frame_moved(self) -> bool:
+        """Return whether the local frame has moved since the last call."""
+        moved, self._frame_moved = self._frame_moved, False
+        return moved
 
     def target(self, now_s: float) -> TargetEstimate:
         """Return the target as it stands at ``now_s``."""
