@@ -51,6 +51,12 @@ class SetpointTimes:
         return times_s
 
 
+def charging(minutes):
+    """Return what fills the mock's battery, good for twenty minutes, again and again."""
+    for at_s in range(600, 60 * minutes, 600):
+        yield from ("--fault", f"t={at_s},kind=battery_low,level=1")
+
+
 def starved_ms(process_id):
     """Return how long a process has waited for a processor that others had."""
     return int(Path(f"/proc/{process_id}/schedstat").read_text().split()[1]) / 1e6
@@ -69,6 +75,7 @@ def main():
             [
                 *(*PYTHON, "sim.mock", "--connect", f"udpout:127.0.0.1:{port}", "--map", "env1"),
                 *("--target", "kind=circle,sysid=42,at=50:50:90,radius=38,speed=6"),
+                *charging(minutes),
             ],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
