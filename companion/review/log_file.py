@@ -60,7 +60,7 @@ class LogFile:
         """Yield the frames in order; one pass."""
         self.bad_bytes, self.clock_steps = 0, []
         data, size = self.data, len(self.data)
-        at, last_us, offset_us, behind = 0, None, 0, 0
+        at, last_us, offset_us, behind, set_us = 0, None, 0, 0, 0
         while at + _STAMP_BYTES + 2 < size:
             end = _entry_end(data, at, size)
             utc_us = int.from_bytes(data[at : at + _STAMP_BYTES], "big")
@@ -71,9 +71,10 @@ class LogFile:
                 self.start_utc_us = utc_us
             step_us = 0 if last_us is None else utc_us - last_us
             behind = behind + 1 if step_us < -_BACK_US else 0
+            set_us = min(set_us, step_us) if behind else step_us
             if last_us is not None and (abs(step_us) >= _STEP_US or behind > _BEHIND):
                 at_s = (last_us + offset_us - self.start_utc_us) * 1e-6
-                self.clock_steps.append((at_s, step_us * 1e-6))
+                self.clock_steps.append((at_s, set_us * 1e-6))
                 offset_us -= step_us
                 last_us, behind = utc_us, 0
             last_us = utc_us if last_us is None else max(last_us, utc_us)
