@@ -13,6 +13,7 @@ import numpy as np
 from companion.announcing import Announcer
 from companion.arrays import FloatArray
 from companion.commands import Commands
+from companion.guidance.envelope import Envelope
 from companion.guidance.guidance import Proposal, propose
 from companion.guidance.guide import Guide
 from companion.guidance.reasons import Reason
@@ -32,6 +33,7 @@ from companion.vehicle import (
     FlightMode,
     LandedState,
     RequestKind,
+    Severity,
     Vehicle,
     VehicleEvent,
     VehicleState,
@@ -120,6 +122,7 @@ class Flight:
         )
         self._surroundings = Neighbourhood(mission.map)
         self._guide = Guide(mission.map, mission.actor.contract.layout)
+        self._envelope = Envelope(mission.actor.contract, mission.v_max_mps)
         self._supervisor = Supervisor(mission.plan, now_s=self._start_s)
         self._metrics = Metrics(start_s=self._start_s, rate_hz=mission.rate_hz)
         self._proposed: _Proposed | None = None
@@ -211,8 +214,10 @@ class Flight:
                 latency_ms=latency_ms,
                 lateness_ms=1e3 * (now_s - deadline_s),
                 rates_hz=self._rates_hz(now_s),
+                speed_cap_mps=self._envelope.cap_mps,
             )
         )
+        self._watch(now_s, directive, pose, proposal, sent)
         if self._alive is not None:
             self._alive(directive.phase)
         if pose is not None and target.position_enu_m is not None:
@@ -295,7 +300,7 @@ class Flight:
         if directive.stream is not Stream.POLICY or pose is None or proposal is None:
             return None
         return self._shield.check(
-            proposal.velocity_enu_mps,
+            self._envelope.limited(proposal.velocity_enu_mps),
             position_enu_m=pose.position_enu_m,
             velocity_now_enu_mps=pose.velocity_enu_mps,
         )
@@ -310,6 +315,33 @@ class Flight:
             return _ZERO
         self._vehicle.send_velocity(tie.velocity_to_local(decision.velocity_enu_mps))
         return decision.velocity_enu_mps
+
+    def _watch(
+        self,
+        now_s: float,
+        directive: Directive,
+        pose: Pose | None,
+        proposal: Proposal | None,
+        sent_enu_mps: FloatArray | None,
+    ) -> None:
+        """Compare what was seen with training; the cap and the shield know in the next tick."""
+        if pose is None:
+            return
+        flies = directive.stream is Stream.POLICY and proposal is not None
+        news = self._envelope.watch(
+            now_s,
+            pose.velocity_enu_mps,
+            sent_enu_mps if flies else None,
+            proposal.observation if flies and proposal is not None else None,
+        )
+        believed_s = self._shield.limits.lag_s
+        if (lag_s := self._envelope.longer_lag_s(believed_s)) is not None:
+            self._shield.reckon_with_lag(lag_s)
+            told = f"the shield reckons with a lag of {lag_s:g} s instead of {believed_s:g} s"
+            self._announcer.log(told, Severity.WARNING, now_s)
+        if news:
+            self._announcer.log(news, Severity.WARNING, now_s)
+            self._announcer.send(news, Severity.WARNING)
 
     def _count(
         self,
@@ -331,6 +363,9 @@ class Flight:
                 label = f"{directive.phase} [{directive.code}]"
                 self._record(Mark(label, pose.position_enu_m.tolist()))
         self._metrics.shield_interventions += decision is not None and decision.intervened
+        slowed = decision is not None and self._envelope.cap_mps is not None
+        self._metrics.setpoints_slowed += slowed
+        self._metrics.velocity_lag_s = self._envelope.known_lag_s
         self._metrics.takeovers += directive.phase is Phase.STOOD_DOWN
 
     def _clearance_m(self, pose: Pose) -> float:

@@ -73,6 +73,8 @@ class Metrics:
         self.final_distance_m: float | None = None
         self.late_ticks = 0
         self.shield_interventions = 0
+        self.setpoints_slowed = 0
+        self.velocity_lag_s: float | None = None
         self.takeovers = 0
 
     def moved(self, position_enu_m: FloatArray, velocity_enu_mps: FloatArray) -> None:
@@ -136,6 +138,8 @@ class Metrics:
             jitter_histogram=self._jitter.coarse(HISTOGRAM_EDGES_MS),
             late_ticks=self.late_ticks,
             shield_interventions=self.shield_interventions,
+            setpoints_slowed=self.setpoints_slowed,
+            velocity_lag_s=_rounded(self.velocity_lag_s, 2),
             takeovers=self.takeovers,
             link_loss_percent=_rounded(stats.loss_percent),
         )

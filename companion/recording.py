@@ -30,6 +30,7 @@ def tick_record(
     latency_ms: float | None,
     lateness_ms: float,
     rates_hz: Mapping[str, float] | None,
+    speed_cap_mps: float | None,
 ) -> Tick:
     """Return the record of one turn; times are relative to ``start_s``."""
     state, now_s = situation.vehicle, situation.now_s
@@ -60,6 +61,7 @@ def tick_record(
         latency_ms=latency_ms,
         lateness_ms=lateness_ms,
         rates_hz=rates_hz,
+        speed_cap_mps=speed_cap_mps,
     )
 
 

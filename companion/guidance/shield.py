@@ -18,7 +18,8 @@ no clock, draws no random number and remembers nothing but the map.
 It assumes                What that means
 ========================  ==========================================================================
 the map tells the truth   what is not on it does not exist
-a vehicle as told         it follows within ``lag_s`` and brakes with ``brake_mps2``, or quicker
+a vehicle as told         it follows within ``lag_s`` and brakes with ``brake_mps2``, or quicker; a
+                          longer lag that is measured in flight is told (``envelope``)
 to be asked and obeyed    every ``period_s``, within ``reaction_s``; what gets lost or comes late
                           (a fifth of all messages in the tests) is paid for by the margin
 an estimate that is near  its error, that of the map and of the frame tie, and the size of the
@@ -42,7 +43,7 @@ narrow streets            none narrower than two margins is entered; who is insi
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -166,11 +167,24 @@ class Shield:
     """
 
     def __init__(self, city: Map, limits: ShieldLimits) -> None:
-        self.limits = limits
         self._surroundings = Neighbourhood(city)
         self._hazards = Hazards.of_map(
             city, margin_m=limits.margin_m, min_height_m=limits.min_height_m
         )
+        self._believe(limits)
+
+    def reckon_with_lag(self, lag_s: float) -> None:
+        """Believe from now on that the vehicle takes so long to follow: it was seen to.
+
+        Args:
+            lag_s: Time constant of the velocity loop; one that is no longer than ``lag_s`` of the
+                limits is not believed.
+        """
+        if lag_s > self.limits.lag_s:
+            self._believe(replace(self.limits, lag_s=lag_s))
+
+    def _believe(self, limits: ShieldLimits) -> None:
+        self.limits = limits
         self._braking = Braking(limits.lag_s, limits.brake_mps2)
         self._follow_s = limits.period_s + limits.reaction_s
         fastest_mps = max(limits.v_max_mps, limits.restore_max_mps)

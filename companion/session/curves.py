@@ -119,9 +119,9 @@ ALTITUDE = Curve(
 SPEED = Curve(
     "plots/speed",
     "Speed [m/s]",
-    (Line("v_max {v_max_mps:g} m/s", colors.LIMIT, 1.0), Line("sent", colors.SENT), _MEASURED),
+    (Line("cap, v_max {v_max_mps:g} m/s", colors.LIMIT, 1.0), Line("sent", colors.SENT), _MEASURED),
     lambda tick, start: (
-        *_limit(_norm(tick.velocity_enu_mps), start.v_max_mps)[1:],
+        *_limit(_norm(tick.velocity_enu_mps), tick.speed_cap_mps or start.v_max_mps)[1:],
         _norm(tick.safe_enu_mps),
         _norm(tick.velocity_enu_mps),
     ),

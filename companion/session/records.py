@@ -131,6 +131,8 @@ class Tick(msgspec.Struct, frozen=True, kw_only=True, array_like=True, gc=False,
     """Of this tick behind its deadline."""
     rates_hz: Mapping[str, float] | None = None
     """Measured rate by message name; once a second is enough."""
+    speed_cap_mps: float | None = None
+    """Lowered because something was not as in training; ``None`` for ``v_max_mps``."""
 
 
 class Raw(msgspec.Struct, frozen=True, array_like=True, gc=False, tag="raw"):

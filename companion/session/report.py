@@ -31,6 +31,8 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         ("Highest speed", _text("{:.2f} m/s", summary.max_speed_mps)),
         ("Speed cap", _text("{:.2f} m/s", summary.v_max_mps)),
         ("Shield interventions", f"{summary.shield_interventions}"),
+        ("Setpoints slowed", f"{summary.setpoints_slowed}"),
+        ("Velocity lag", _text("{:.2f} s", summary.velocity_lag_s)),
         ("Setpoints sent", f"{summary.setpoints_sent}"),
         ("Setpoint rate", _text("{:.2f} Hz", summary.setpoint_rate_hz)),
         ("Jitter, p99", _text("{:.2f} ms", summary.jitter_p99_ms)),

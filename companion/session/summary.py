@@ -41,5 +41,9 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     """Intervals by their deviation, the same bins."""
     late_ticks: int = 0
     shield_interventions: int = 0
+    setpoints_slowed: int = 0
+    """Decided under a lowered speed cap, because something was not as in training."""
+    velocity_lag_s: float | None = None
+    """How slowly the vehicle followed, as measured in flight."""
     takeovers: int = 0
     link_loss_percent: float | None = None

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -346,3 +347,20 @@ def test_nearer_is_never_faster():
         for x in np.linspace(20.0, 38.0, 60)
     ]
     assert all(near <= far + 1e-9 for far, near in pairwise(ahead))
+
+
+# -- a vehicle that turns out slower ----------------------------------------------------------
+
+
+def test_a_longer_lag_that_was_measured_is_reckoned_with_and_a_shorter_one_not():
+    shield = Shield(CITY, LIMITS)
+    at, ahead = np.array([33.0, 50.0, 10.0]), np.array([3.0, 0.0, 0.0])
+    told = check(ahead, at, ahead, shield)
+    shield.reckon_with_lag(0.5 * LIMITS.lag_s)
+    assert shield.limits == LIMITS
+    shield.reckon_with_lag(3.0 * LIMITS.lag_s)
+    slower = check(ahead, at, ahead, shield)
+    assert slower.velocity_enu_mps[0] < told.velocity_enu_mps[0]
+    afresh = Shield(CITY, replace(LIMITS, lag_s=3.0 * LIMITS.lag_s))
+    expected = check(ahead, at, ahead, afresh)
+    np.testing.assert_array_equal(slower.velocity_enu_mps, expected.velocity_enu_mps)

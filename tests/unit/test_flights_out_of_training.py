@@ -1,0 +1,106 @@
+"""Whole flights of the shipped actor on vehicles like those of its training, and unlike them."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from companion.control import Flight, Mission
+from companion.guidance.shield import Shield, ShieldLimits
+from companion.guidance.situation import Plan
+from companion.policy.actor import Actor
+from companion.policy.contract import SeenContract
+from companion.positions import TargetSource
+from companion.session.records import Event, Tick
+from companion.world.frames import GeoPoint
+from companion.world.maps import build_map, load_map
+from sim.dynamics import Disturbance, VelocityLag
+from sim.vehicle import SimVehicle
+
+V_MAX_MPS = 5.0
+ORIGIN = GeoPoint(47.0, 8.0, 400.0)
+SEEN = {"speed": (0.0, 6.1), "gap": (6.2, 100.0), "sight": (8.7, 50.0)}
+"""Of 30,000 observations in the world that the shipped actor was trained in."""
+
+
+def fly(city, start, target, *, lag=None, seen=None, seconds=120.0):
+    """Return summary, events, ticks and contacts of one flight with the shipped actor."""
+    vehicle = SimVehicle(
+        city,
+        rng=np.random.default_rng(3),
+        start_enu_m=np.array(start),
+        airborne=True,
+        lag=lag,
+        wind=Disturbance(0.3, 2.0),
+        position_noise=Disturbance(0.2, 2.0),
+    )
+    actor = Actor.load("flight")
+    if seen:
+        low, high = (bounds.tolist() for bounds in actor.contract.layout.bounds())
+        columns = tuple(zip(low, high, strict=True))
+        actor.contract = msgspec.structs.replace(
+            actor.contract, seen=SeenContract(1000, 0.001, columns, seen)
+        )
+    records = []
+    shield = Shield(city, ShieldLimits(v_max_mps=V_MAX_MPS))
+    flight = Flight(
+        vehicle,
+        Mission(
+            map=city,
+            actor=actor,
+            plan=Plan(engage=True),
+            target=TargetSource(np.array(target)),
+            v_max_mps=V_MAX_MPS,
+            rate_hz=20.0,
+        ),
+        shield,
+        record=records.append,
+        stop_requested=lambda: vehicle.now_s() > seconds,
+    )
+    summary = flight.run()
+    said = [record.text for record in records if isinstance(record, Event)]
+    ticks = [record for record in records if isinstance(record, Tick)]
+    return summary, said, ticks, vehicle, shield
+
+
+def test_a_vehicle_like_those_of_training_flies_as_ever():
+    summary, said, ticks, vehicle, shield = fly(
+        load_map("env1"), (10.0, 50.0, 20.0), (90.0, 50.0, 40.0), lag=VelocityLag(0.6), seen=SEEN
+    )
+    assert (summary.outcome, vehicle.contacts, summary.setpoints_slowed) == ("arrived", 0, 0)
+    assert not any("training" in text for text in said)
+    assert all(tick.speed_cap_mps is None for tick in ticks)
+    assert 0.3 < summary.velocity_lag_s < 1.0
+    assert shield.limits.lag_s == ShieldLimits().lag_s
+
+
+def test_a_vehicle_that_lags_far_more_is_flown_slower_and_the_shield_told():
+    summary, said, ticks, vehicle, shield = fly(
+        load_map("env1"), (10.0, 50.0, 20.0), (90.0, 50.0, 40.0), lag=VelocityLag(1.8)
+    )
+    assert (summary.outcome, vehicle.contacts) == ("arrived", 0)
+    assert summary.velocity_lag_s == pytest.approx(1.8, rel=0.35)
+    assert shield.limits.lag_s >= 1.2
+    (news,) = [text for text in said if text.startswith("not as in training")]
+    assert "velocity lag" in news
+    assert "(no more than 1 s in training)" in news
+    assert any(text.startswith("the shield reckons with a lag of 1") for text in said)
+    slowed = [tick for tick in ticks if tick.speed_cap_mps is not None]
+    assert len(slowed) >= summary.setpoints_slowed > 20
+    assert min(tick.speed_cap_mps for tick in slowed) < 0.75 * V_MAX_MPS
+
+
+def block(west, south, east, north):
+    return np.array([(west, south), (east, south), (east, north), (west, north)], dtype=float)
+
+
+def test_in_streets_of_three_metres_it_goes_slower():
+    """Nobody flies into one: it begins there, closer to both walls than the shield likes."""
+    rows = [block(20, y, 97, y + 20) for y in (0, 23, 46, 69)]
+    city = build_map("narrow", (200, 100, 60), rows, [50.0] * 4, origin=ORIGIN)
+    narrow = fly(city, (40.0, 44.5, 10.0), (180.0, 44.5, 10.0), seen=SEEN, seconds=60.0)
+    summary, said, ticks, vehicle, _ = narrow
+    assert vehicle.contacts == 0
+    (first, *_) = [text for text in said if text.startswith("not as in training")]
+    assert "gap 3" in first
+    assert min(tick.speed_cap_mps for tick in ticks if tick.speed_cap_mps) < 0.6 * V_MAX_MPS
+    assert summary.setpoints_slowed > 0

@@ -1,0 +1,100 @@
+"""The lag meter: simulated vehicles in gusts on a lossy link, and real autopilots' recordings."""
+
+import lzma
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from companion.guidance.lag_meter import LAGS_S, LagMeter
+from sim.dynamics import Disturbance, VelocityLag, follow_velocity
+from tests.conftest import DATA, read_tlog
+
+PERIOD_S = 0.05
+
+
+def fly(lag, seed, *, seconds=20.0, shortfall=0.0, wind=0.5, noise=0.1, loss=0.2, turn_s=2.5):
+    """Return the meter of a vehicle that is sent another velocity every ``turn_s``."""
+    rng, meter = np.random.default_rng(seed), LagMeter()
+    gusts = Disturbance(wind, 2.0)
+    gust, velocity, obeyed, sent = gusts.sample(rng, (3,)), np.zeros(3), np.zeros(3), np.zeros(3)
+    measured = velocity
+    for tick in range(round(seconds / PERIOD_S)):
+        if tick % round(turn_s / PERIOD_S) == 0:
+            sent = rng.uniform(2.0, 4.0) * direction(rng)
+        if rng.random() >= loss:
+            measured = velocity + gust + noise * rng.standard_normal(3)
+        meter.watch(tick * PERIOD_S, measured, sent)
+        if rng.random() >= loss:
+            obeyed = sent
+        velocity, _ = follow_velocity(velocity, (1.0 - shortfall) * obeyed, lag, dt_s=PERIOD_S)
+        gust = gusts.advance(gust, dt_s=PERIOD_S, rng=rng)
+    return meter
+
+
+def direction(rng):
+    vector = rng.standard_normal(3) * (1.0, 1.0, 0.3)
+    return vector / np.linalg.norm(vector)
+
+
+@pytest.mark.parametrize("lag_s", [0.2, 0.3, 0.5, 0.8, 1.0, 1.5])
+@pytest.mark.parametrize("acceleration_mps2", [1.6, 4.0])
+def test_the_lag_is_found_in_gusts_noise_and_loss(lag_s, acceleration_mps2):
+    lags = [fly(VelocityLag(lag_s, acceleration_mps2), seed).lag() for seed in range(8)]
+    likely_s = np.median([lag.likely_s for lag in lags])
+    assert 0.7 * lag_s < likely_s < 1.4 * lag_s + 0.1, "lost packets are lag, too"
+    assert max(lag.least_s for lag in lags) < 1.4 * lag_s
+
+
+def test_a_slow_vehicle_is_told_from_those_of_training_for_sure():
+    slow = [fly(VelocityLag(1.5), seed, seconds=30.0).lag().least_s for seed in range(8)]
+    assert np.mean(np.array(slow) > 1.1) > 0.5
+    usual = [fly(VelocityLag(0.8), seed, seconds=30.0).lag().least_s for seed in range(8)]
+    assert max(usual) < 1.0
+
+
+def test_without_noise_it_takes_seconds():
+    lag = fly(VelocityLag(1.5), 0, seconds=4.0, wind=0.0, noise=0.0, loss=0.0).lag()
+    assert lag.least_s > 1.1
+    assert lag.likely_s == pytest.approx(1.5, rel=0.3)
+
+
+def test_a_steady_wind_and_falling_short_are_no_lag():
+    lags = [fly(VelocityLag(0.5), seed, shortfall=0.16).lag().likely_s for seed in range(8)]
+    assert np.median(lags) == pytest.approx(0.5, abs=0.2)
+
+
+def test_who_does_not_move_has_told_nothing():
+    meter = LagMeter()
+    rng = np.random.default_rng(0)
+    for tick in range(400):
+        meter.watch(tick * PERIOD_S, 0.1 * rng.standard_normal(3), np.zeros(3))
+    assert meter.lag().least_s == LAGS_S[0]
+
+
+def test_what_somebody_else_flies_counts_for_nothing():
+    watched, left_alone = (fly(VelocityLag(0.8), 1) for _ in range(2))
+    rng = np.random.default_rng(0)
+    for tick in range(400, 500):  # thrown about by a pilot
+        watched.watch(tick * PERIOD_S, 5.0 * rng.standard_normal(3), None)
+    assert watched.lag() == left_alone.lag()
+
+
+@pytest.mark.parametrize(
+    ("name", "low_s", "high_s"),
+    [
+        ("ap_short_flight_companion.tlog.xz", 0.25, 0.8),
+        ("px4_short_flight_companion_30s.tlog.xz", 0.3, 1.0),
+    ],
+)
+def test_real_autopilots_lag_less_than_the_shield_reckons_with(name, low_s, high_s):
+    reader, meter, sent = dialect.MAVLink(None), LagMeter(), None
+    reader.robust_parsing = True
+    for time_s, frame in read_tlog(lzma.decompress((DATA / name).read_bytes())):
+        message = reader.decode(bytearray(frame))
+        if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
+            velocity = (message.vx, message.vy, message.vz)
+            sent = np.array(velocity) if message.type_mask & 0x7 == 0x7 else None
+        elif message.get_type() == "LOCAL_POSITION_NED":
+            meter.watch(time_s, np.array((message.vx, message.vy, message.vz)), sent)
+    assert low_s < meter.lag().likely_s < high_s
