@@ -17,6 +17,7 @@ from training.figure_curves import Bar, Level, draw_ablations, draw_completion, 
 from training.figure_paths import draw_chase, draw_paths
 from training.flights import Flight
 from training.report_data import FlightRecord, Scene
+from training.report_words import another_seed
 
 LOG = """\
 {"kind":"training","updates":10,"return":null,"saturated":[0.1,0.2,0.3]}
@@ -86,3 +87,10 @@ def test_every_figure_is_drawn_and_small(tmp_path):
     again = draw_completion({"a": [curve, curve]}, level, tmp_path / "again.png", "T")
     assert again.read_bytes() == (tmp_path / "transfer.png").read_bytes()
     assert load_map("env1").obstacle_names  # the figures read the map by its name
+
+
+def test_where_one_more_seed_is_expected():
+    # mean 0.97, s = 0.01, t = 4.30, sqrt(4 / 3): 5.0 points to either side.
+    assert another_seed([0.96, 0.97, 0.98]) == "92.0 - 100.0"
+    assert another_seed([0.5, 0.5]) == "50.0 - 50.0"
+    assert another_seed([0.97]) == "-"
