@@ -132,6 +132,8 @@ class Report(msgspec.Struct, frozen=True):
     """Runs that were planned and have not come to their end."""
     coordinates_recipe: list[tuple[str, str, str]] = []
     """Likewise, of the runs from six coordinates alone; empty where there are none."""
+    kept: dict[str, str] = {}
+    """Runs taken over from an earlier report of the folder, with the machine they ran on."""
 
     def of(self, group: str, map_name: str, variant: str = "paper") -> list[RunResult]:
         """Return the runs of a group on a map, by seed."""

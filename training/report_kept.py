@@ -5,15 +5,26 @@ and start need not be made a second time for the next report.
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from training.evaluate import fly_straight
-from training.report_data import Drawn, Report, RunResult, Scene, read_report
+from training.report_data import NUMBERS, Drawn, Report, RunResult, Scene, read_report
 from training.report_measure import TEST_SEED, Cases
 from training.reproduce_plan import Job
 
 
-def kept_runs(folder: Path, jobs: Sequence[Job], cases: Cases) -> tuple[list[RunResult], Drawn]:
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """What can be taken over."""
+
+    runs: list[RunResult]
+    machines: dict[str, str]
+    """By name of the run: what it was trained on."""
+    drawn: Drawn
+
+
+def kept_runs(folder: Path, jobs: Sequence[Job], cases: Cases) -> Kept:
     """Return the results of planned runs that an earlier report holds, and what it has drawn.
 
     A run that another one without a result starts from is not among them: its networks are needed.
@@ -23,12 +34,12 @@ def kept_runs(folder: Path, jobs: Sequence[Job], cases: Cases) -> tuple[list[Run
         jobs: Each after the one it starts from.
         cases: Must be those of the report: flying straight must still do as it did there.
     """
-    nothing = Drawn(curves={}, paths=[], chases=[])
-    if not (folder / "numbers.json").exists():
-        return [], nothing
+    nothing = Kept([], {}, Drawn(curves={}, paths=[], chases=[]))
+    if not (folder / NUMBERS).exists():
+        return nothing
     report, drawn = read_report(folder)
     if (report.cases, report.test_seed) != (cases.count, TEST_SEED):
-        return [], nothing
+        return nothing
     same = {city for city in {job.map for job in jobs} if _same_cases(report, city, cases)}
     results = {run.name: run for run in report.runs if run.map in same and run.name in drawn.curves}
     kept: list[RunResult] = []
@@ -39,7 +50,8 @@ def kept_runs(folder: Path, jobs: Sequence[Job], cases: Cases) -> tuple[list[Run
             kept.append(result)
         else:
             sources.add(job.init)
-    return kept[::-1], drawn
+    machines = {run.name: report.kept.get(run.name, report.machine) for run in kept}
+    return Kept(kept[::-1], machines, drawn)
 
 
 def newest(earlier: Iterable[Scene], later: Iterable[Scene]) -> list[Scene]:

@@ -1,5 +1,7 @@
 """How a report was made: for those who want to make it again."""
 
+from collections import Counter
+
 from training.report_data import Report
 from training.report_words import listed, minutes, table
 
@@ -27,7 +29,7 @@ def how_it_was_made(report: Report) -> str:
                 "third stream",
             ],
             ["updates", f"{budget(report)}; the paper's budget is {report.paper_updates:,}"],
-            ["machine", report.machine],
+            ["machine", _machines(report)],
             ["versions", versions],
             [
                 "wall-clock",
@@ -38,6 +40,13 @@ def how_it_was_made(report: Report) -> str:
             ["finished", report.finished_utc],
         ],
     )
+
+
+def _machines(report: Report) -> str:
+    """Return this call's machine, and those of runs taken over from an earlier report."""
+    kept = Counter(report.kept.values())
+    before = [f"{count} runs, kept from an earlier report: {name}" for name, count in kept.items()]
+    return "; ".join((report.machine, *before))
 
 
 def budget(report: Report) -> str:

@@ -61,11 +61,10 @@ def reproduce(options: "cli.Reproduce", typed: str, *, now_s: Callable[[], float
     out = options.out or Path("runs") / ("report-quick" if options.quick else "report")
     jobs = plan(budget, seeds, CHANGES)
     cases = Cases(budget.cases, now_s)
-    kept, earlier = kept_runs(out, jobs, cases)
-    names = {run.name for run in kept}
-    for run in kept:
+    kept = kept_runs(out, jobs, cases)
+    for run in kept.runs:
         console.print(f"{run.name}: measured before, {out}", highlight=False, soft_wrap=True)
-    new = [job for job in jobs if job.name not in names]
+    new = [job for job in jobs if job.name not in kept.machines]
 
     with stop_on_signal() as stop:
         folders, left = train_all(new, options.runs, typed, processes, console, stop)
@@ -77,12 +76,12 @@ def reproduce(options: "cli.Reproduce", typed: str, *, now_s: Callable[[], float
     measured, drawn = measure_all(
         [job for job in new if job.name in folders], folders, cases, shown_seed=seeds[0]
     )
-    by_name = {run.name: run for run in (*kept, *measured)}
+    by_name = {run.name: run for run in (*kept.runs, *measured)}
     runs = [by_name[job.name] for job in jobs if job.name in by_name]
     drawn = Drawn(
-        curves={run.name: {**earlier.curves, **drawn.curves}[run.name] for run in runs},
-        paths=newest(earlier.paths, drawn.paths),
-        chases=newest(earlier.chases, drawn.chases),
+        curves={run.name: {**kept.drawn.curves, **drawn.curves}[run.name] for run in runs},
+        paths=newest(kept.drawn.paths, drawn.paths),
+        chases=newest(kept.drawn.chases, drawn.chases),
     )
     report = Report(
         quick=options.quick,
@@ -103,6 +102,7 @@ def reproduce(options: "cli.Reproduce", typed: str, *, now_s: Callable[[], float
         recipe=_recipe(jobs),
         coordinates_recipe=_coordinates_recipe(jobs),
         unfinished=list(left),
+        kept=kept.machines,
     )
     write_report(report, drawn, out)
     write_figures(out)
