@@ -186,6 +186,21 @@ class CityWorld:
         """Start a new episode in every world and return its observation, ``(N, n)``."""
         return self._restart(self._terrain.all_worlds)
 
+    def place(self, start_enu_m: FloatArray, paths: TargetPaths) -> Float32Array:
+        """Start a given episode in every world and return its observation, ``(N, n)``.
+
+        For worlds without a pool of targets; what restarts later does so at random.
+
+        Args:
+            start_enu_m: Where the vehicles start, shape ``(N, 3)``.
+            paths: Where the targets go, one path for each world.
+        """
+        self._own()
+        worlds = self._terrain.all_worlds
+        self._motion.start(worlds, start_enu_m, self.dynamics, self._rng)
+        self._paths = paths
+        return self._open(worlds, start_enu_m, paths)
+
     def step(self, action: npt.NDArray[np.floating]) -> StepResult:
         """Advance every world by one step of ``dt_s``.
 
@@ -312,6 +327,13 @@ class CityWorld:
         """Return how far every vehicle is from the nearest obstacle, ``(N,)``."""
         return self._terrain.whole.obstacles.signed_distance_m(self._motion.position_enu_m)
 
+    def nearest_surface(self, position_enu_m: FloatArray) -> FloatArray:
+        """Return the surface point nearest to each vehicle at ``(N, 3)``, of its own map.
+
+        Infinite without obstacles.
+        """
+        return self._terrain.whole.obstacles.nearest_surface(position_enu_m)
+
     def books(self) -> EpisodeEnd:
         """Return how the running episodes stand, as if they all ended now; ``K`` is ``N``."""
         distance_m = _length(self._target_enu_m - self._motion.position_enu_m)
@@ -401,6 +423,11 @@ class CityWorld:
         else:
             paths = TargetPaths.resting(sample_free_under(under, self._rng, worlds))
         self._paths.put(worlds, paths)
+        return self._open(worlds, start_enu_m, paths)
+
+    def _open(self, worlds: IntArray, start_enu_m: FloatArray, paths: TargetPaths) -> Float32Array:
+        """Open the books of episodes that have been put in place; return their observations."""
+        under = self._terrain.under
         self._target_enu_m[worlds] = paths.vertex_enu_m[:, 0]
         self._episodes.start(worlds, _length(self._target_enu_m[worlds] - start_enu_m))
         return build_observation(

@@ -64,10 +64,17 @@ class Evaluate:
     """Map file or name."""
     cities: int | None = None
     """Number of random cities that no training has seen, instead of a map."""
+    edge_cases: bool = False
+    """Hand-made places where flights go wrong, each by its name, instead of a map: behind a wall,
+    in a dead end, out of a court, on a roof ..."""
     episodes: int = 1000
+    """Number of cases, spread evenly over cities or edge cases."""
     seed: int = 0
     shield: bool = False
     """Fly the same cases once more with the shield behind the policy; counted beside it."""
+    baselines: bool = False
+    """Beside the actor also fly a planner that aims where the actor is shown the way, and an
+    artificial potential field; with --shield all of them with it, too."""
     moving: bool = False
     """Let the targets move."""
     json: bool = False
@@ -129,13 +136,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         _check_extra()
         # Only now: torch takes a second to import, and may be missing.
-        from training import commands
+        from training import commands, evaluate_command
 
         typed = commands.command_line("training", given)
         if isinstance(command, Train):
             return commands.train(command, typed, now_s=clock.now_s)
         if isinstance(command, Evaluate):
-            return commands.evaluate(command, typed, now_s=clock.now_s)
+            return evaluate_command.evaluate(command, typed, now_s=clock.now_s)
         if isinstance(command, Export):
             return commands.export(command, now_s=clock.now_s)
         from training import reproduce

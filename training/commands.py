@@ -10,23 +10,18 @@ import torch
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from companion.arrays import Float32Array
 from companion.errors import UsageError
 from companion.policy.actor import Actor
-from sim.guides import Surveyor
-from sim.world import CityWorld
 from training import cli
 from training.curves import read_log
-from training.evaluate import Evaluation, Policy, as_json, evaluate_policy, fly_straight
 from training.export import command_line, git_revision
-from training.loop import evaluate_loop
 from training.places import Place, content_hash
 from training.presets import load_preset
 from training.run_folder import RunFolder, RunRecord
 from training.train import export_run, resume_run, run, start_run, stop_on_signal
 from training.trainer import Trainer
 
-__all__ = ["command_line", "evaluate", "export", "train"]
+__all__ = ["command_line", "export", "train"]
 
 _INTERRUPTED = 130
 
@@ -65,77 +60,6 @@ def train(options: "cli.Train", typed: str, *, now_s: Callable[[], float]) -> in
     console.print(f"best on validation: {trainer.best.source}, {_percent(trainer.best.score[0])}")
     actor = export_run(folder, folder.actor_path, now_s=now_s)
     _print_record(console, actor)
-    return 0
-
-
-def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float]) -> int:
-    """Run ``training evaluate``.
-
-    Raises:
-        UsageError: If the options contradict each other or ask for what is not there.
-    """
-    place = Place(options.map, options.cities)
-    if options.episodes < 1:
-        raise UsageError(f"--episodes must be at least 1, got {options.episodes}")
-    actor = Actor.load(options.actor)
-    contract, maps = actor.contract, place.test_maps()
-    v_max_mps = contract.dynamics.v_max_mps
-    # What was trained on a vehicle with a lag is flown on one; the paper's point has none.
-    in_the_loop = contract.dynamics.velocity_lag_s is not None
-    if options.shield and not in_the_loop:
-        raise UsageError(
-            f"--shield needs a vehicle with a speed: {actor.name} is evaluated as the paper's "
-            f"kinematic point"
-        )
-    if len(maps) > options.episodes:
-        raise UsageError(f"--cities {len(maps)} needs at least as many --episodes")
-    for city in maps:
-        actor.check_fits(city, v_max_mps or 0.0)
-
-    surveyor = Surveyor()
-
-    def count(policy: Policy, *, shield: bool = False) -> Evaluation:
-        flown = (policy, maps, contract.layout, contract.action)
-        cases: dict[str, Any] = {
-            "episodes": options.episodes,
-            "seed": options.seed,
-            "moving": options.moving,
-            "measure_clearance": True,
-            "now_s": now_s,
-        }
-        if v_max_mps is None or not in_the_loop:
-            return evaluate_policy(*flown, **cases)
-        return evaluate_loop(*flown, v_max_mps=v_max_mps, shield=shield, surveyor=surveyor, **cases)
-
-    def ask(_: CityWorld, observation: Float32Array) -> Float32Array:
-        return actor.act(observation)
-
-    result, straight = count(ask), count(fly_straight)
-    shielded = count(ask, shield=True) if options.shield else None
-    if options.json:
-        print(
-            as_json(
-                result,
-                actor=actor.name,
-                map=place.map,
-                cities=place.cities,
-                seed=options.seed,
-                moving=options.moving,
-                in_the_loop=in_the_loop,
-                straight_completion_rate=straight.completion_rate,
-                with_shield=shielded,
-                command=typed,
-            )
-        )
-        return 0
-    results = {actor.name: result, "flying straight": straight}
-    if shielded is not None:
-        results = {
-            f"{actor.name}, policy alone": result,
-            f"{actor.name}, with shield": shielded,
-            "flying straight": straight,
-        }
-    _print_evaluations(Console(), results, typed)
     return 0
 
 
@@ -256,33 +180,6 @@ class _Reporter:
 
 def _reporter(console: Console) -> _Reporter:
     return _Reporter(console)
-
-
-def _print_evaluations(console: Console, results: dict[str, Evaluation], typed: str) -> None:
-    for name, result in results.items():
-        low, high = result.completion_rate_ci95
-        stretch = "-" if result.path_stretch is None else f"{result.path_stretch:.3f}"
-        console.print(
-            f"{name}: {_percent(result.completion_rate)} of {result.episodes} "
-            f"(95 %: {_percent(low)} to {_percent(high)})\n"
-            f"  within 5 m {_percent(result.completion_5m)}, "
-            f"2 m {_percent(result.completion_2m)}, 1 m {_percent(result.completion_1m)}; "
-            f"collided {_percent(result.collision_rate)}, "
-            f"timed out {_percent(result.timeout_rate)}\n"
-            f"  SPL {result.spl:.3f}, path stretch {stretch}, "
-            f"{result.shield_interventions} interventions, {result.seconds:.1f} s",
-            highlight=False,
-        )
-        if result.out_of_reach:
-            console.print(
-                f"  out of reach for whoever keeps the shield's margin: {result.out_of_reach} of "
-                f"{result.episodes} targets",
-                highlight=False,
-            )
-        if result.min_clearance_m is not None:
-            values = ", ".join(f"{p} {v:.2f} m" for p, v in result.min_clearance_m.items())
-            console.print(f"  smallest clearance: {values}", highlight=False)
-    console.print(typed, highlight=False, soft_wrap=True)
 
 
 def _print_record(console: Console, actor: Actor) -> None:

@@ -8,7 +8,6 @@ replaced by a quicker one, so slow failures weigh as much as fast arrivals.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -69,7 +68,7 @@ class Evaluation(msgspec.Struct, frozen=True):
 
 def fly_straight(world: CityWorld, observation: Float32Array) -> FloatArray:
     """Fly straight at the target: the floor that says how hard the cases are."""
-    position_enu_m, target_enu_m = world.position_enu_m, world.target_enu_m
+    position_enu_m, target_enu_m = world.estimate_enu_m, world.target_enu_m
     return displacement_to_action(
         target_enu_m - position_enu_m,
         world.scaling,
@@ -232,8 +231,3 @@ def summarise(
         seconds=seconds,
         out_of_reach=out_of_reach,
     )
-
-
-def as_json(evaluation: Evaluation, **extra: Any) -> str:
-    """Return one JSON object: the evaluation, then whatever else is said about it."""
-    return msgspec.json.encode({**msgspec.to_builtins(evaluation), **extra}).decode()

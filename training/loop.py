@@ -73,6 +73,7 @@ def evaluate_loop(
     measure_clearance: bool = False,
     conditions: Conditions | None = None,
     surveyor: Surveyor | None = None,
+    begin: Callable[[CityWorld], Float32Array] = CityWorld.reset,
     now_s: Callable[[], float],
 ) -> Evaluation:
     """Fly ``episodes`` cases in the control loop and count.
@@ -91,6 +92,7 @@ def evaluate_loop(
         measure_clearance: Measure the distance to obstacles along the way; slower.
         conditions: The vehicle and the air.
         surveyor: Remembers the ways, where the same cases are flown again.
+        begin: Starts the cases and returns what is seen first; by default at random places.
         now_s: Clock for ``seconds``.
     """
     began_s = now_s()
@@ -112,7 +114,7 @@ def evaluate_loop(
     clearance_m = np.full(episodes, np.inf)
     linger = np.full(episodes, round(LINGER_S * RATE_HZ))
     over: BoolArray = np.zeros(episodes, dtype=np.bool_)
-    observation = world.reset()
+    observation = begin(world)
     beyond = None
     if guard is not None and not moving:
         beyond = out_of_reach(world, margin_m=guard.margin_m, radius_m=ARRIVAL_RADIUS_M)

@@ -29,6 +29,7 @@ EVALUATION_KEYS = {
     "min_clearance_m",
     "shield_interventions",
     "seconds",
+    "out_of_reach",
     "straight_completion_rate",
 }
 
@@ -57,6 +58,13 @@ def failure(capsys, *arguments):
         (["train", "--updates", "0"], "--updates must be at least 1"),
         (["evaluate", "--actor", "x.onnx"], "need one of --map and --cities"),
         (["evaluate", "--actor", "paper-free", "--map", "free", "--shield"], "--shield needs"),
+        (
+            ["evaluate", "--actor", "paper-free", "--map", "free", "--baselines"],
+            "--baselines needs",
+        ),
+        (["evaluate", "--actor", "paper-free", "--edge-cases"], "--edge-cases needs a vehicle"),
+        (["evaluate", "--actor", "flight", "--edge-cases", "--moving"], "of its own"),
+        (["evaluate", "--actor", "flight", "--edge-cases", "--episodes", "3"], "at least 7"),
         (["train", "--map", "free", "--cities", "4"], "need one of --map and --cities"),
         (["evaluate", "--actor", "x.onnx", "--map", "free", "--episodes", "0"], "--episodes"),
     ],
@@ -146,9 +154,34 @@ def test_with_the_shield_both_results_stand_side_by_side(capsys):
     assert shielded["min_clearance_m"]["p1"] > 0.0
 
     assert cli.main(arguments) == 0
-    out = capsys.readouterr().out
-    assert "flight, policy alone" in out
-    assert "flight, with shield" in out
+    lines = capsys.readouterr().out.splitlines()
+    row = next(number for number, line in enumerate(lines) if line.startswith("flight "))
+    assert lines[row + 1].startswith("  with shield ")
+    assert lines[row + 2].startswith("flying straight ")
+
+
+def test_baselines_fly_the_same_cases_alone_and_with_the_shield(capsys):
+    arguments = ["evaluate", "--actor", "flight", "--map", "env1", "--episodes", "6", "--shield"]
+    assert cli.main([*arguments, "--baselines", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result.keys() >= EVALUATION_KEYS
+    assert result["baselines"].keys() == {"straight", "planner", "potential field"}
+    assert result["straight_completion_rate"] < 1.0
+    for flown in result["baselines"].values():
+        assert flown["alone"].keys() == EVALUATION_KEYS - {"straight_completion_rate"}
+        assert flown["with_shield"]["episodes"] == 6
+        assert flown["with_shield"]["collision_rate"] == 0.0
+    assert result["baselines"]["planner"]["alone"]["completion_rate"] > 0.8
+
+
+def test_edge_cases_are_counted_one_by_one(capsys):
+    arguments = ["evaluate", "--actor", "flight", "--edge-cases", "--episodes", "8", "--shield"]
+    assert cli.main([*arguments, "--json"]) == 0
+    cases = json.loads(capsys.readouterr().out)["edge_cases"]
+    assert len(cases) == 7
+    assert [case["actor"]["alone"]["episodes"] for case in cases.values()] == [2] + 6 * [1]
+    assert {case["actor"]["with_shield"]["collision_rate"] for case in cases.values()} == {0.0}
+    assert cases["dead end"]["straight"]["alone"]["collision_rate"] == 1.0
 
 
 def test_a_run_in_the_way_is_not_overwritten(capsys, tmp_path):
