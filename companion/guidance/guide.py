@@ -17,7 +17,8 @@ from companion.world.way_ahead import WayAhead, Ways
 from companion.world.ways import CELL_M, RENEW_M, WINDOW_CELLS, WayField, WayGrid, finish, through
 
 PARTS_A_TICK = 2
-"""Of a few milliseconds each: a way is found within a second at 20 Hz."""
+"""Of one to three milliseconds each: a way is found within a second at 20 Hz, within two where the
+window has to move first."""
 _OFF_CENTER_M = 0.25 * WINDOW_CELLS * CELL_M
 """On a map larger than the window, the window moves when the vehicle is so far from its middle."""
 

@@ -19,7 +19,7 @@ MARGINS_M = (0.5, 2.0, 3.0)
 BESIDE, NEAR, FAR = range(len(MARGINS_M))
 OPEN_M = -1.0
 """Where nothing stands: below the ground, so that a vehicle on it is free."""
-_NODES_A_PART = 1_000
+_NODES_A_PART = 2_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,8 +54,10 @@ class Skyline:
         inside_m = np.minimum(ground_m, city.size_m[:2] - ground_m).min(axis=1)
         for raster_m, margin_m in zip(height_m[1:], MARGINS_M[1:], strict=True):
             raster_m[inside_m < margin_m] = city.size_m[2]
+        yield None
         outlines = np.array([shapely.Polygon(outline) for outline in city.footprints_m])
         tree = shapely.STRtree(outlines)
+        yield None
         for first in range(0, len(ground_m), _NODES_A_PART):
             points = shapely.points(ground_m[first : first + _NODES_A_PART])
             node, outline = tree.query(points, predicate="dwithin", distance=MARGINS_M[-1])

@@ -43,6 +43,8 @@ _CLIMB = 5.0 / 3.0
 long is what takes long."""
 _DESCENT = 5.0 / 1.5
 _MOST_ROUNDS = 100
+_PLANES_A_PART = 8
+_MOVES_A_PART = 7
 
 _T = TypeVar("_T")
 
@@ -134,18 +136,26 @@ class WayGrid:
         east_cost = np.empty((2, x, 3, 3, y, z), dtype=np.float32)
         north_cost = np.empty((2, y, 3, x, z), dtype=np.float32)
         up_cost = np.empty((2, z, x, y), dtype=np.float32)
+        between_m = []
         for move in MOVES[:HERE]:
-            between_m = _highest_between(skyline.height_m[BESIDE], (x, y), move)
-            lower_m = np.minimum(height_m, height_m + CELL_M * move[2])
-            cost = np.float32(_length_m(CELL_M * move)) * factor
-            cost[lower_m < between_m[..., None]] = np.inf
-            east, north, up = (int(part) for part in move)
-            if east:
-                east_cost[(east + 1) // 2, :, north + 1, up + 1] = cost
-            elif north:
-                north_cost[(north + 1) // 2, :, up + 1] = np.moveaxis(cost, 1, 0)
-            else:
-                up_cost[(up + 1) // 2] = np.moveaxis(cost, 2, 0)
+            between_m.append(_highest_between(skyline.height_m[BESIDE], (x, y), move)[..., None])
+            if len(between_m) % _MOVES_A_PART == 0:
+                yield None
+        # Plane by plane, not move by move: new memory is dear to touch, and each page of it is
+        # touched in one part only.
+        for first in range(0, x, _PLANES_A_PART):
+            part = slice(first, min(first + _PLANES_A_PART, x))
+            for move, highest_m in zip(MOVES[:HERE], between_m, strict=True):
+                lower_m = np.minimum(height_m, height_m + CELL_M * move[2])
+                cost = np.float32(_length_m(CELL_M * move)) * factor[part]
+                cost[lower_m < highest_m[part]] = np.inf
+                east, north, up = (int(step) for step in move)
+                if east:
+                    east_cost[(east + 1) // 2, part, north + 1, up + 1] = cost
+                elif north:
+                    north_cost[(north + 1) // 2, :, up + 1, part] = np.moveaxis(cost, 1, 0)
+                else:
+                    up_cost[(up + 1) // 2, :, part] = np.moveaxis(cost, 2, 0)
             yield None
         yield cls(city, low_m, (x, y, z), skyline, east_cost, north_cost, up_cost)
 
@@ -205,8 +215,8 @@ class WayField:
             if np.array_equal(before, cost_m):
                 break
         move = np.empty(grid.shape, dtype=np.uint8)
-        for first in range(0, x, 8):
-            part = slice(first, min(first + 8, x))
+        for first in range(0, x, _PLANES_A_PART):
+            part = slice(first, min(first + _PLANES_A_PART, x))
             move[part] = _best_moves(grid, padded, part)
             yield None
         move[cost_m >= seed_m] = HERE
