@@ -90,9 +90,10 @@ def file_output(folder: Path) -> RerunOutput:
 
     def open_file(start: SessionStart) -> rr.RecordingStream:
         stream = _stream(start)
-        stream.set_sinks(
-            rr.FileSink(folder / RECORDING), default_blueprint=blueprint(start, live=False)
-        )
+        # A footer would keep a part of every chunk in memory until the end: some 300 MB an hour.
+        # The rewriting after the flight makes one.
+        sink = rr.FileSink(folder / RECORDING, write_footer=False)
+        stream.set_sinks(sink, default_blueprint=blueprint(start, live=False))
         return stream
 
     return RerunOutput(RECORDING, open_file, _FILE_PERIOD_S, Sync(folder / RECORDING))

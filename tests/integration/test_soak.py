@@ -31,6 +31,18 @@ def figures(process_id):
     return resident_mib, processor_s, len(list((proc / "fd").iterdir())), int(stat[17])
 
 
+def children(process_id):
+    """Return the processes that one has started."""
+    listed = Path(f"/proc/{process_id}/task/{process_id}/children").read_text()
+    return [int(child) for child in listed.split()]
+
+
+def charging(duration_s):
+    """Return what fills the mock's battery, good for twenty minutes, again and again."""
+    for at_s in range(600, int(duration_s) + 600, 600):
+        yield from ("--fault", f"t={at_s},kind=battery_low,level=1")
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(60.0 * MINUTES + 120.0)
 def test_nothing_grows(constant_actor, tmp_path):
@@ -42,6 +54,7 @@ def test_nothing_grows(constant_actor, tmp_path):
             *(sys.executable, "-m", "sim.mock", "--autopilot", "px4", "--map", "env1"),
             *("--connect", f"udpout:127.0.0.1:{port}", "--speed", str(MOCK_SPEED)),
             *("--target", "kind=circle,sysid=42,at=60:12:6,radius=6,speed=1"),
+            *charging(MOCK_SPEED * 60.0 * MINUTES),
             "--exit-with-parent",
         ],
         stdout=subprocess.DEVNULL,
@@ -59,13 +72,14 @@ def test_nothing_grows(constant_actor, tmp_path):
         stderr=subprocess.DEVNULL,
         text=True,
     )
-    samples = []
+    samples, recorder_mib = [], []
     try:
         end_s = time.monotonic() + 60.0 * MINUTES
         while time.monotonic() < end_s:
             time.sleep(SAMPLE_S)
             assert companion.poll() is None, companion.stdout.read()
             samples.append(figures(companion.pid))
+            recorder_mib += [max(figures(child)[0] for child in children(companion.pid))]
         companion.send_signal(signal.SIGTERM)
         summary = json.loads(companion.communicate(timeout=60)[0])
     finally:
@@ -77,6 +91,7 @@ def test_nothing_grows(constant_actor, tmp_path):
     quarter = len(samples) // 4
     resident_mib = [sample[0] for sample in samples]
     warm_mib, last_mib = max(resident_mib[quarter : 2 * quarter]), max(resident_mib[-quarter:])
+    recorder_grown_mib = max(recorder_mib[-quarter:]) - max(recorder_mib[quarter : 2 * quarter])
     processor_s = samples[-1][1] - samples[0][1]
     recorded_mib = (
         sum(path.stat().st_size for path in (tmp_path / "sessions").rglob("*") if path.is_file())
@@ -84,11 +99,13 @@ def test_nothing_grows(constant_actor, tmp_path):
     )
     print(
         f"\n{MINUTES:g} min at x{MOCK_SPEED}: resident {warm_mib:.1f} MiB in the second quarter, "
-        f"{last_mib:.1f} in the last; {100 * processor_s / (SAMPLE_S * (len(samples) - 1)):.1f} % "
+        f"{last_mib:.1f} in the last; the recorder grew by {recorder_grown_mib:.1f} MiB; "
+        f"{100 * processor_s / (SAMPLE_S * (len(samples) - 1)):.1f} % "
         f"of a core; files {samples[quarter][2]} -> {samples[-1][2]}, threads {samples[-1][3]}; "
         f"{recorded_mib:.0f} MiB recorded; {summary}"
     )
     assert summary["outcome"] == "stopped"
     assert last_mib - warm_mib < 5.0
+    assert recorder_grown_mib < 10.0
     assert samples[-1][2] == samples[quarter][2]
     assert samples[-1][3] == samples[quarter][3]
