@@ -156,6 +156,8 @@ class Request:
 
     def hear_ack(self, command: int, result: int, now_s: float) -> None:
         """Take in a COMMAND_ACK addressed to us."""
+        # Stamped with the last look at the link, if the loop was away: but no answer comes first.
+        now_s = max(now_s, self._sent_s)
         if command != self._plan.command.number:
             return
         if self._stray_acks:

@@ -100,6 +100,18 @@ def test_accepted_and_never_seen(px4):
     assert len(px4.commands(ARM)) == 1
 
 
+def test_an_answer_is_no_older_than_its_question_however_long_the_loop_was_away(px4):
+    px4.run(0.1)
+    px4.transport.now_s += 3.0
+    px4.acknowledge(ARM, ACCEPTED, after_s=0.0)
+    px4.vehicle.request(RequestKind.ARM)
+    px4.run(2.0)  # it was read at once, with the stamp of before the pause
+    assert status(px4).state is RequestState.PENDING
+    px4.autopilot.heartbeat(armed=True)
+    px4.run(0.1)
+    assert status(px4).state is RequestState.CONFIRMED
+
+
 def test_arming_never_forces(px4):
     px4.vehicle.request(RequestKind.ARM)
     (command,) = px4.commands(ARM)
