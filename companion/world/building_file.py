@@ -90,6 +90,10 @@ def _decode(data: bytes) -> Any:
         script = _SCRIPT.fullmatch(data)
         return msgspec.json.decode(data if script is None else script["data"])
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        if data.lstrip().startswith(b"<"):
+            raise MapError(
+                "XML, not GeoJSON: `ogr2ogr NEW.geojson OLD` makes one of most"
+            ) from error
         raise MapError(f"not JSON: {str(error).removeprefix('JSON is malformed: ')}") from error
     except RecursionError as error:
         raise MapError("not JSON: nested too deeply") from error
@@ -114,8 +118,11 @@ def _named_crs(top: Mapping[str, Any]) -> str:
     if crs is None:
         return ""
     properties = crs.get("properties") if isinstance(crs, dict) else None
-    name = properties.get("name") if isinstance(properties, dict) else None
-    return name if isinstance(name, str) and name.strip() else "not named"
+    said = properties if isinstance(properties, dict) else {"name": crs}
+    name = next((said[key] for key in ("name", "code", "href") if key in said), None)
+    # Of a link such as .../epsg/4326/ the last word tells.
+    plain = str(name).strip().rstrip("/") if isinstance(name, str | int) else ""
+    return plain or "not named"
 
 
 def _features(top: Mapping[str, Any]) -> list[tuple[str, Any]]:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -19,14 +19,17 @@ _LEVELS = (
 )  # fmt: skip
 _ROOF_LEVELS = ("roof:levels", "building:roof:levels")
 _ROOF_HEIGHTS = ("roof:height", "building:roof:height")
-_BEGINS_ABOVE = (
-    "min:height", "base:height", "building:min:height", "render:min:height",
-    "building:min:level", "min:level",
-)  # fmt: skip
+_MIN_HEIGHTS = ("min:height", "building:min:height", "render:min:height")
+_MIN_LEVELS = ("building:min:level", "min:level")
+_BEGINS_ABOVE = (*_MIN_HEIGHTS, *_MIN_LEVELS, "base:height")
+"""The last is where the ground lies in some files, so no roof is raised by it."""
 _NAMES = ("name", "addr:housename")
 _FOOT_M = 0.3048
 _INCH_M = 0.0254
 _NUMBER = r"(\d+(?:[.,]\d+)?)"
+_THOUSAND_FEET = re.compile(r"(\d),(\d{3}) ?(?=f|')", re.IGNORECASE)
+"""No building has a thousand metres; 1,250 ft are not 1.25."""
+_BETWEEN = re.compile(r"[;\u2013-]")
 _METRES = re.compile(rf"{_NUMBER}\s*(?:m|meters?|metres?)?\.?", re.IGNORECASE)
 _FEET = re.compile(
     rf"{_NUMBER}\s*(?:ft|foot|feet|')\.?(?:\s*{_NUMBER}\s*(?:in|''|\"))?", re.IGNORECASE
@@ -122,8 +125,17 @@ def height_of(tags: Tags, default_m: float) -> BuildingHeight:
 
     A height as given, else ``LEVEL_M`` for each storey and each storey in the roof (or the
     height of the roof, if that is more), else the default. Of several spellings the first that can
-    be read counts.
+    be read counts. A roof that were no higher than where the part begins is as far above that:
+    its height was unknown, or told from there.
     """
+    told = _told_height(tags, default_m)
+    begins_m = max(_first(tags, _MIN_HEIGHTS) or 0.0, LEVEL_M * (_first(tags, _MIN_LEVELS) or 0.0))
+    if told.height_m > begins_m:
+        return told
+    return replace(told, height_m=begins_m + told.height_m)
+
+
+def _told_height(tags: Tags, default_m: float) -> BuildingHeight:
     height_m = _first(tags, _HEIGHTS)
     levels = _first(tags, _LEVELS)
     unreadable = any(key in tags and not _number(tags[key]) for key in _HEIGHTS + _LEVELS) and not (
@@ -143,9 +155,10 @@ def parse_length_m(text: str) -> float | None:
     """Return a length in metres, ``None`` if there is none to be read.
 
     Understands ``12``, ``12.5 m``, ``12,5``, ``~12``, ``40 ft``, ``7'4"``, and takes the largest of
-    several: ``12;15``.
+    several: ``12;15``, ``12-15 m``.
     """
-    lengths = [_single_length_m(part.strip().lstrip("~≈").strip()) for part in text.split(";")]
+    parts = _BETWEEN.split(text)
+    lengths = [_single_length_m(part.strip().lstrip("~≈").strip()) for part in parts]
     known = [length_m for length_m in lengths if length_m is not None]
     return max(known) if known and len(known) == len(lengths) else None
 
@@ -153,7 +166,7 @@ def parse_length_m(text: str) -> float | None:
 def _single_length_m(text: str) -> float | None:
     if match := _METRES.fullmatch(text):
         return _decimal(match[1])
-    if match := _FEET.fullmatch(text):
+    if match := _FEET.fullmatch(_THOUSAND_FEET.sub(r"\1\2", text)):
         return _FOOT_M * _decimal(match[1]) + _INCH_M * _decimal(match[2] or "0")
     return None
 

@@ -36,15 +36,26 @@ def to_degrees(crs: str) -> ToDegrees:
     if code in _DEGREES:
         return _as_they_are
     if code in _WEB_MERCATOR:
-        return _from_web_mercator
+        return lambda place_m: _from_web_mercator(_metres(place_m, crs))
     if match := re.fullmatch(r"(326|327|258)(\d\d)", code):
         zone = int(match[2])
         if 1 <= zone <= 60:
-            return lambda place_m: _from_utm(place_m, zone, south=match[1] == "327")
+            south = match[1] == "327"
+            return lambda place_m: _from_utm(_metres(place_m, crs), zone, south=south)
     raise MapError(
         f"crs is {crs or 'not named'}: WGS84, Web Mercator (EPSG:3857) and UTM (EPSG:326xx, 327xx, "
         "258xx) can be read; make it one with `ogr2ogr -t_srs EPSG:4326 NEW.geojson OLD.geojson`"
     )
+
+
+def _metres(place_m: FloatArray, crs: str) -> FloatArray:
+    """Return coordinates as they are; those of a plane, in metres, are never so small."""
+    if len(place_m) > 0 and bool(np.all(np.abs(place_m) <= (180.0, 90.0))):
+        raise MapError(
+            f"crs is {crs}, but coordinates such as {place_m[0, 0]:g}, {place_m[0, 1]:g} are "
+            "degrees: correct what they are said to be"
+        )
+    return place_m
 
 
 def _as_they_are(place_deg: FloatArray) -> FloatArray:

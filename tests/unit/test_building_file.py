@@ -82,6 +82,12 @@ WRONG = {
         collection(GOOD) | {"crs": {"properties": {"name": "urn:ogc:def:crs:EPSG::2056"}}},
         "crs is urn:ogc:def:crs:EPSG::2056: WGS84, .*ogr2ogr -t_srs EPSG:4326",
     ),
+    "degrees on a plane": (
+        collection(GOOD) | {"crs": {"properties": {"name": "EPSG:32632"}}},
+        "crs is EPSG:32632, but coordinates such as .* are degrees",
+    ),
+    "nameless crs": (collection(GOOD) | {"crs": {"properties": [1]}}, "crs is not named"),
+    "XML": (b"\n<?xml version='1.0'?><osm/>", "XML, not GeoJSON: `ogr2ogr"),
     "latitude first": (
         spoilt([[[35.6, 139.7], [35.7, 139.7], [35.7, 139.8]]]),
         r"features\[1\].* latitude 139.7: latitude and longitude seem to be swapped",
@@ -166,10 +172,19 @@ def test_parts_of_one_building_that_touch_are_one():
     assert city.is_free(np.array([12.0, 7.0, 1.0]), 1.9)
 
 
-def test_crs_that_are_wgs84():
-    for name in ("urn:ogc:def:crs:OGC:1.3:CRS84", "EPSG:4326", "urn:ogc:def:crs:EPSG::4326"):
-        crs = {"type": "name", "properties": {"name": name}}
-        assert run(collection(GOOD) | {"crs": crs}, box=BOX)[1].buildings == 1
+@pytest.mark.parametrize(
+    "crs",
+    [
+        {"type": "name", "properties": {"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}},
+        {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::4326"}},
+        {"type": "EPSG", "properties": {"code": 4326}},
+        {"type": "link", "properties": {"href": "http://spatialreference.org/ref/epsg/4326/"}},
+        "EPSG:4326",
+        None,
+    ],
+)
+def test_crs_that_are_wgs84(crs):
+    assert run(collection(GOOD) | {"crs": crs}, box=BOX)[1].buildings == 1
 
 
 # -- Overpass -----------------------------------------------------------------------------------

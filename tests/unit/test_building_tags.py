@@ -26,6 +26,10 @@ from companion.world.building_tags import (
         ("7 ft 4 in", 2.2352),
         ("~12", 12.0),
         ("12; 15", 15.0),
+        ("12-15 m", 15.0),
+        ("9,125", 9.125),
+        ("1,250 ft", 381.0),
+        ("12-", None),
         ("high", None),
         ("12 storeys", None),
         ("12;high", None),
@@ -57,6 +61,12 @@ def test_lengths_as_people_write_them(text, length_m):
         ({"height": None}, 15.0, HeightSource.ASSUMED),
         ({"height": True}, 15.0, HeightSource.ASSUMED),
         ({}, 15.0, HeightSource.ASSUMED),
+        ({"height": "60", "min_height": "20"}, 60.0, HeightSource.GIVEN),
+        ({"height": "10", "min_height": "30"}, 40.0, HeightSource.GIVEN),
+        ({"min_height": "30"}, 45.0, HeightSource.ASSUMED),
+        ({"building:levels": "8", "building:min_level": "4"}, 24.0, HeightSource.LEVELS),
+        ({"building:levels": "2", "building:min_level": "4"}, 18.0, HeightSource.LEVELS),
+        ({"height": "12", "base_height": "400"}, 12.0, HeightSource.GIVEN),
     ],
 )
 def test_the_height_of_a_building(properties, height_m, source):
