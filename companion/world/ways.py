@@ -284,11 +284,13 @@ def _seeds_m(grid: WayGrid, target_enu_m: FloatArray) -> Float32Array:
 def _sweep_east(padded: Float32Array, cost: Float32Array, side: int) -> None:
     x, y, z = (length - 2 for length in padded.shape)
     total = np.empty((3, 3, y, z), dtype=np.float32)
+    nine, best = total.reshape(9, y, z), np.empty((y, z), dtype=np.float32)
+    beside = sliding_window_view(padded, (y, z), axis=(1, 2))
     for plane in range(1, x + 1) if side == 0 else range(x, 0, -1):
-        beside = sliding_window_view(padded[plane + 2 * side - 1], (y, z))
-        np.add(beside, cost[plane - 1], out=total)
+        np.add(beside[plane + 2 * side - 1], cost[plane - 1], out=total)
+        np.minimum.reduce(nine, axis=0, out=best)
         here = padded[plane, 1:-1, 1:-1]
-        np.minimum(here, total.reshape(9, y, z).min(axis=0), out=here)
+        np.minimum(here, best, out=here)
 
 
 def _sweep_north(padded: Float32Array, cost: Float32Array, side: int) -> None:
