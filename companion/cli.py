@@ -3,7 +3,6 @@
 import logging
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -226,11 +225,8 @@ def _preflight(argv: list[str]) -> int:
 
 
 def _mock(argv: list[str]) -> int:
-    """Start the mock as the program of its own that it is; nothing of it is imported here."""
-    try:
-        return subprocess.call([sys.executable, "-m", "sim.mock", *argv])
-    except KeyboardInterrupt:
-        return EXIT_CODES[Outcome.STOPPED]
+    """Become the mock, the program of its own that it is; nothing of it is imported here."""
+    os.execv(sys.executable, [sys.executable, "-m", "sim.mock", *argv])
 
 
 def _review(argv: list[str]) -> int:

@@ -198,6 +198,8 @@ class Flight:
             asked_s = deadline_s if state is None else max(deadline_s, state.time_s)
             latency_ms = 1e3 * (sent_s - asked_s)
             self._metrics.sent(sent_s, latency_ms)
+        else:
+            self._metrics.withheld()
         self._count(directive, situation, pose, decision)
         self._announcer.events(events)
         self._announcer.phase(directive, now_s)

@@ -13,8 +13,6 @@ from companion.vehicle import LinkStats
 
 _MAX_STEP_M = 20.0
 """A larger step between two ticks is a move of the frame, not of the vehicle."""
-_PAUSE_PERIODS = 10
-"""A longer interval between setpoints is a phase without them, not jitter."""
 
 
 class Histogram:
@@ -98,13 +96,16 @@ class Metrics:
         self._setpoints += 1
         if self._sent_s is not None:
             interval_s = time_s - self._sent_s
-            if interval_s < _PAUSE_PERIODS * self._period_s:
-                self._steady_s, self._intervals = self._steady_s + interval_s, self._intervals + 1
-                self._jitter.add(1e3 * abs(interval_s - self._period_s))
-                self._longest_gap_ms = max(self._longest_gap_ms or 0.0, 1e3 * interval_s)
+            self._steady_s, self._intervals = self._steady_s + interval_s, self._intervals + 1
+            self._jitter.add(1e3 * abs(interval_s - self._period_s))
+            self._longest_gap_ms = max(self._longest_gap_ms or 0.0, 1e3 * interval_s)
         self._sent_s = time_s
         if latency_ms is not None:
             self._latency.add(latency_ms)
+
+    def withheld(self) -> None:
+        """Note a tick that was meant to send nothing: the stream has ended, or not begun."""
+        self._sent_s = None
 
     def summary(
         self,

@@ -104,3 +104,27 @@ def test_a_reader_that_has_seen_enough_is_no_error():
     process.stderr.close()
     assert process.wait(30) == 0
     assert error == b""
+
+
+def test_who_kills_the_mock_leaves_nothing_behind():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as companion:
+        companion.bind(("127.0.0.1", 0))
+        companion.settimeout(20.0)
+        url = f"udpout:127.0.0.1:{companion.getsockname()[1]}"
+        command = [sys.executable, "-m", "companion.cli", "mock", "--connect", url]
+        mock = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        try:
+            companion.recv(300)
+        finally:
+            mock.kill()
+            mock.wait()
+        companion.settimeout(0.5)
+        assert any(is_silent(companion) for _ in range(100_000))  # after what it sent in life
+
+
+def is_silent(listener):
+    try:
+        listener.recv(300)
+    except TimeoutError:
+        return True
+    return False

@@ -37,6 +37,8 @@ def test_nothing_measured_is_not_zero():
 def test_a_steady_stream_with_one_pause():
     metrics = Metrics(start_s=0.0, rate_hz=20.0)
     for tick in range(100):
+        if tick == 50:
+            metrics.withheld()
         metrics.sent(0.05 * tick + (20.0 if tick >= 50 else 0.0), 1.5)
     found = summary(metrics)
     assert found.setpoints_sent == 100
@@ -45,6 +47,13 @@ def test_a_steady_stream_with_one_pause():
     assert found.jitter_p99_ms < 0.01
     assert found.latency_histogram[2] == 100  # 1 to 2 ms
     assert sum(found.jitter_histogram) == 98  # a pause of the stream is no jitter
+
+
+def test_a_gap_in_a_stream_that_was_to_go_on_is_told_however_long():
+    metrics = Metrics(start_s=0.0, rate_hz=50.0)
+    for tick in range(100):
+        metrics.sent(0.02 * tick + (3.0 if tick >= 50 else 0.0), 1.5)
+    assert summary(metrics).longest_gap_ms == pytest.approx(3020.0)
 
 
 def test_the_smallest_clearance_knows_its_place():

@@ -5,7 +5,10 @@ import os
 import pty
 import re
 import select
+import shutil
 import socket
+import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -168,6 +171,18 @@ def test_the_unit_runs_what_was_asked_for_and_stays_down_after_a_stand_down():
     assert "Type=notify" in text
     assert "WatchdogSec=5" in text
     assert "RestartPreventExitStatus=2 6 7 8" in text
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd here")
+def test_systemd_has_nothing_to_say_against_the_unit(tmp_path):
+    argv = ["--connect", "serial:/dev/ttyAMA0:921600", "--record", "/var/lib/flights 100%"]
+    config = RunConfig(connect=argv[1], record=Path(argv[3]))
+    file = tmp_path / "mavlink-companion.service"
+    file.write_text(unit(config, argv))
+    said = subprocess.run(
+        ["systemd-analyze", "verify", str(file)], capture_output=True, text=True, check=False
+    )
+    assert (said.returncode, said.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(
