@@ -56,8 +56,7 @@ class Guide:
         made_for_m = self._made_for_enu_m
         if self._ways is None or made_for_m is None or _far(made_for_m, target_enu_m, 2 * RENEW_M):
             return WayAhead.straight(position_enu_m, target_enu_m)
-        first = np.zeros(1, dtype=np.int64)
-        return self._ways.ahead(first, position_enu_m[None], target_enu_m[None]).take(0)
+        return self._ways.ahead_of_one(0, position_enu_m, target_enu_m)
 
     def work(self, position_enu_m: FloatArray, target_enu_m: FloatArray) -> None:
         """Do a tick's share of the work; for after the setpoint has left.

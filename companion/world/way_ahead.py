@@ -1,9 +1,11 @@
 """What a vehicle needs to know of its way: the farthest point of it in sight, and what is left.
 
-One function answers for one vehicle in flight and for thousands in simulation: rows lie on grids
-of one shape, each with a field of its own.
+``Ways.ahead`` answers for thousands of vehicles at once: rows lie on grids of one shape, each with
+a field of its own. ``Ways.ahead_of_one`` says the same of one vehicle, to the last bit, in a third
+of the time: the control loop asks it between position and setpoint.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
@@ -28,6 +30,8 @@ _BEYOND_M = 1e5
 """No map reaches as far."""
 _AROUND = MOVES[:HERE]
 _SHARE = ((np.arange(_SAMPLES) + 0.5) / _SAMPLES).astype(np.float32)[:, None, None]
+_END_SHARE = np.minimum(_SHARE, 1.0 - _SHARE)
+_LOOK_AT: tuple[bool, ...] = tuple(step in LOOKS for step in range(int(LOOKS[-1]) + 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +80,14 @@ class Ways:
         self._low_m, self._shape = first.low_m, np.array(first.shape)
         self._cells = int(np.prod(first.shape))
         self._stride = np.array((first.shape[1] * first.shape[2], first.shape[2], 1))
+        self._axes: list[tuple[float, int, int]] = list(
+            zip(self._low_m.tolist(), first.shape, self._stride.tolist(), strict=True)
+        )
+        """Lowest corner (m), cells, and cells from one to the next, of east, north and up."""
         self._jump = MOVES @ self._stride
+        self._jump_of: list[int] = self._jump.tolist()
         self._nodes = first.skyline.height_m.shape[1:]
+        self._last_node = np.array(self._nodes, dtype=np.float32)[:, None, None] - 1.0
         self._spacing_m = first.skyline.spacing_m
         self._skyline_m = np.concatenate(
             [grid.skyline.height_m[margin].ravel() for margin in (BESIDE, NEAR) for grid in grids]
@@ -136,6 +146,40 @@ class Ways:
             known,
         )
 
+    def ahead_of_one(
+        self, field: int, position_enu_m: FloatArray, target_enu_m: FloatArray
+    ) -> WayAhead:
+        """Return what ``ahead`` says of one vehicle.
+
+        Args:
+            field: Which field leads it.
+            position_enu_m: Shape ``(3,)``.
+            target_enu_m: Shape ``(3,)``.
+        """
+        entry, position_m = field * self._cells, position_enu_m.tolist()
+        number = -1
+        if all(abs(m) < _BEYOND_M for m in position_m):
+            number = entry + self._cell_of_one(position_m)
+        if number < 0 or not math.isfinite(self._cost_m.item(number)):
+            rows = np.array([field])
+            return self.ahead(rows, position_enu_m[None], target_enu_m[None]).take(0)
+
+        chain, arrived = self._follow_one(number)
+        inside = all(
+            low_m <= m <= low_m + CELL_M * cells
+            for m, (low_m, cells, _) in zip(target_enu_m.tolist(), self._axes, strict=True)
+        )
+        arrived = [inside and there for there in arrived]
+        point_m = np.array([self._center_of_one(number - entry) for number in chain])
+        point_m[arrived] = target_enu_m
+        node = self._grid_of_field.item(field) * (self._nodes[0] * self._nodes[1])
+        seen = self._sees_from_one(node, position_enu_m, point_m).tolist()
+        last = max((look for look, in_sight in enumerate(seen) if in_sight), default=0)
+        aim_m, beyond = point_m[last], min(last + BEYOND_LOOKS, len(LOOKS) - 1)
+        rest_m = 0.0 if arrived[last] else self._cost_m.item(chain[last])
+        left_m = _length_m(aim_m - position_enu_m) + rest_m
+        return WayAhead(aim_m, point_m[beyond], left_m, np.True_)
+
     def length_m(
         self, field: IntArray, position_enu_m: FloatArray, target_enu_m: FloatArray
     ) -> FloatArray:
@@ -164,6 +208,20 @@ class Ways:
         number: IntArray = np.clip(cell, 0, self._shape - 1) @ self._stride
         return number
 
+    def _cell_of_one(self, position_enu_m: list[float]) -> int:
+        cell = 0
+        for m, (low_m, cells, stride) in zip(position_enu_m, self._axes, strict=True):
+            index = math.floor((m - low_m) / CELL_M)
+            cell += min(max(index, 0), cells - 1) * stride
+        return cell
+
+    def _center_of_one(self, cell: int) -> list[float]:
+        center_m = []
+        for low_m, _, stride in self._axes:
+            index, cell = divmod(cell, stride)
+            center_m.append(low_m + CELL_M * (index + 0.5))
+        return center_m
+
     def _center_m(self, cell: IntArray) -> FloatArray:
         """Return the centres ``(..., 3)`` of cells given by their numbers."""
         east, rest = np.divmod(cell, self._stride[0])
@@ -185,14 +243,26 @@ class Ways:
         chain = np.empty((len(LOOKS), len(cell)), dtype=np.int64)
         arrived = np.empty(chain.shape, dtype=np.bool_)
         number = entry + cell
+        look = 0
         for step in range(1, int(LOOKS[-1]) + 1):
             move = self._move[number]
             number = number + self._jump[move]
-            look = int(np.searchsorted(LOOKS, step))
-            if LOOKS[look] == step:
+            if _LOOK_AT[step]:
                 chain[look] = number
                 arrived[look] = move == HERE
+                look += 1
         return chain - entry, arrived & inside
+
+    def _follow_one(self, number: int) -> tuple[list[int], list[bool]]:
+        """Return the entries at the looks along a way, and whether its field ends before."""
+        chain, arrived = [], []
+        for step in range(1, len(_LOOK_AT)):
+            move = self._move.item(number)
+            number += self._jump_of[move]
+            if _LOOK_AT[step]:
+                chain.append(number)
+                arrived.append(move == HERE)
+        return chain, arrived
 
     def _sees(self, node: IntArray, from_enu_m: FloatArray, to_enu_m: FloatArray) -> BoolArray:
         """Return which straight ways keep clear of the skyline, ``(K, N)``.
@@ -204,7 +274,7 @@ class Ways:
         """
         way_m = (to_enu_m - from_enu_m).astype(np.float32)
         # The ends lie close to walls often enough, and are looked at with more indulgence.
-        end_m = np.minimum(_SHARE, 1.0 - _SHARE) * _length_m(way_m)
+        end_m = _END_SHARE * _length_m(way_m)
         index = np.broadcast_to(node.astype(np.int32), end_m.shape)
         for axis, stride in ((0, self._nodes[1]), (1, 1)):
             from_nodes = (from_enu_m[:, axis] - self._low_m[axis]) / self._spacing_m + 0.5
@@ -217,6 +287,28 @@ class Ways:
         margin = (end_m >= _CLOSE_M) * np.int32(self._margin_stride)
         skyline_m = self._skyline_m[index + margin]
         clear: BoolArray = np.all((height_m >= skyline_m) | (end_m < _ENDS_M), axis=0)
+        return clear
+
+    def _sees_from_one(self, node: int, from_enu_m: FloatArray, to_enu_m: FloatArray) -> BoolArray:
+        """Return which straight ways from one place keep clear of the skyline, ``(K,)``.
+
+        Args:
+            node: Where its skyline begins.
+            from_enu_m: Shape ``(3,)``.
+            to_enu_m: Shape ``(K, 3)``.
+        """
+        way_m = (to_enu_m - from_enu_m).astype(np.float32)
+        end_m = _END_SHARE[..., 0] * _length_m(way_m)
+        from_nodes = ((from_enu_m[:2] - self._low_m[:2]) / self._spacing_m + 0.5).astype(np.float32)
+        along = from_nodes[:, None, None] + _SHARE[..., 0] * (
+            way_m.T[:2, None] * np.float32(1.0 / self._spacing_m)
+        )
+        np.minimum(np.maximum(along, 0.0, out=along), self._last_node, out=along)
+        north, east = along.astype(np.int32)[::-1]
+        index = east * self._nodes[1] + north + node
+        height_m = from_enu_m[2].astype(np.float32) + _SHARE[..., 0] * way_m[:, 2]
+        skyline_m = self._skyline_m[index + (end_m >= _CLOSE_M) * self._margin_stride]
+        clear: BoolArray = ((height_m >= skyline_m) | (end_m < _ENDS_M)).all(axis=0)
         return clear
 
     def _step_out(

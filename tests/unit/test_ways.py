@@ -5,7 +5,7 @@ import heapq
 import numpy as np
 import pytest
 
-from companion.world.maps import build_map
+from companion.world.maps import build_map, load_map
 from companion.world.way_ahead import WayAhead, Ways
 from companion.world.ways import CELL_M, HERE, MOVES, WayField, WayGrid, finish
 from sim.cities import random_city
@@ -230,3 +230,26 @@ def test_rows_of_several_grids_and_fields_are_answered_as_alone():
         np.testing.assert_array_equal(together.aim_enu_m[row], alone.aim_enu_m[0])
         np.testing.assert_array_equal(together.beyond_enu_m[row], alone.beyond_enu_m[0])
         assert together.left_m[row] == alone.left_m[0]
+
+
+@pytest.mark.parametrize("name", ["env1", "free"])
+def test_one_vehicle_is_told_the_same_to_the_last_bit(name):
+    city, rng = load_map(name), np.random.default_rng(3)
+    grid = finish(WayGrid.build(city))
+    targets_m = rng.uniform(0.0, 1.0, (2, 3)) * city.size_m
+    ways = Ways([grid], np.array([0, 0]))
+    for number, target_m in enumerate(targets_m):
+        ways.put(number, finish(WayField.spread(grid, target_m)))
+    for _ in range(500):
+        number = int(rng.integers(2))
+        target_m = targets_m[number] + rng.normal(0.0, 1.0, 3)
+        near = target_m + rng.normal(0.0, 6.0, 3)
+        far = rng.uniform(-0.05, 1.05, 3) * city.size_m
+        mad = np.where(rng.random(3) < 0.3, [np.nan, np.inf, -1e9], far)
+        position_m = [near, far, far, far, mad][rng.integers(5)]
+        one = ways.ahead_of_one(number, position_m, target_m)
+        row = ways.ahead(np.array([number]), position_m[None], target_m[None]).take(0)
+        assert one.known == row.known
+        assert one.left_m.tobytes() == row.left_m.tobytes()
+        assert one.aim_enu_m.tobytes() == row.aim_enu_m.tobytes()
+        assert one.beyond_enu_m.tobytes() == row.beyond_enu_m.tobytes()
