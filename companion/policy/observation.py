@@ -5,6 +5,7 @@ rises whenever the meaning of a column changes; an actor carries name, version a
 and is refused where they differ.
 """
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -64,6 +65,9 @@ class Layout:
     shows_way: bool = False
     """Whether columns tell of the way round. The view, and psi with it, are then turned toward
     the aim, the farthest point of the way in sight, instead of toward the target."""
+    _bounds: tuple[Float32Array, Float32Array] = dataclasses.field(
+        init=False, repr=False, compare=False
+    )
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -71,10 +75,13 @@ class Layout:
         return tuple(field.name for field in self.fields)
 
     def bounds(self) -> tuple[Float32Array, Float32Array]:
-        """Return the lower and the upper bounds, each of shape ``(n,)``."""
-        low = np.array([field.low for field in self.fields], dtype=np.float32)
-        high = np.array([field.high for field in self.fields], dtype=np.float32)
-        return low, high
+        """Return the lower and the upper bounds, each of shape ``(n,)``, not to be changed."""
+        return self._bounds
+
+    def __post_init__(self) -> None:
+        bounds = np.array([(field.low, field.high) for field in self.fields], dtype=np.float32)
+        bounds.setflags(write=False)
+        object.__setattr__(self, "_bounds", tuple(np.ascontiguousarray(bounds.T)))
 
 
 def _fill_paper(out: Float32Array, situation: Situation) -> None:
@@ -125,7 +132,7 @@ def _fill_rays(out: Float32Array, situation: Situation) -> None:
     out[..., 7] = (height_m - obstacles.floor_m(position_m)) / RAYS_UNIT_M
 
     bearing_rad = bearing_to_target_rad(situation.position_enu_m, situation.target_enu_m)
-    _fill_velocity(out[..., 8:11], situation, bearing_rad)
+    _fill_velocity(out[..., 8:11], situation, (np.cos(bearing_rad), np.sin(bearing_rad)))
     wall_m, roof_m = obstacles.horizontal_rays(
         position_m, bearing_rad[..., None] + _FAN_RAD, RAYS_RANGE_M
     )
@@ -134,19 +141,24 @@ def _fill_rays(out: Float32Array, situation: Situation) -> None:
     out[..., 11 + NUM_RAYS :] = left_m / RAYS_UNIT_M
 
 
-def _fill_velocity(out: Float32Array, situation: Situation, bearing_rad: FloatArray) -> None:
-    ahead_mps, left_mps, up_mps = _turned(situation.velocity_enu_mps, bearing_rad)
+def _fill_velocity(
+    out: Float32Array, situation: Situation, turn: tuple[FloatArray, FloatArray]
+) -> None:
+    ahead_mps, left_mps, up_mps = _turned(situation.velocity_enu_mps, turn)
     out[..., 0] = ahead_mps / RAYS_SPEED_MPS
     out[..., 1] = left_mps / RAYS_SPEED_MPS
     out[..., 2] = up_mps / RAYS_SPEED_MPS
 
 
 def _turned(
-    vector_enu: FloatArray, bearing_rad: FloatArray
+    vector_enu: FloatArray, turn: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the parts of vectors ``(..., 3)`` ahead, to the left and up."""
-    east, north, up = np.moveaxis(vector_enu, -1, 0)
-    cos, sin = np.cos(bearing_rad), np.sin(bearing_rad)
+    """Return the parts of vectors ``(..., 3)`` ahead, to the left and up.
+
+    ``turn`` holds the cosine and the sine of the bearing that is ahead.
+    """
+    east, north, up = vector_enu[..., 0], vector_enu[..., 1], vector_enu[..., 2]
+    cos, sin = turn
     return east * cos + north * sin, north * cos - east * sin, up
 
 
@@ -157,6 +169,7 @@ def _fill_ways(out: Float32Array, situation: Situation) -> None:
     position_m, target_m = np.broadcast_arrays(situation.position_enu_m, situation.target_enu_m)
     obstacles, height_m = situation.map.obstacles, position_m[..., 2]
     bearing_rad = bearing_to_target_rad(position_m, way.aim_enu_m)
+    turn = np.cos(bearing_rad), np.sin(bearing_rad)
 
     to_aim_m = way.aim_enu_m - position_m
     horizontal_m = np.hypot(to_aim_m[..., 0], to_aim_m[..., 1])
@@ -164,16 +177,16 @@ def _fill_ways(out: Float32Array, situation: Situation) -> None:
     out[..., 0] = horizontal_m / RAYS_UNIT_M
     out[..., 1] = to_aim_m[..., 2] / RAYS_UNIT_M
     _fill_polar(out[..., 2:4], horizontal_m, to_aim_m[..., 2], distance_m)
-    for column, part_m in enumerate(_turned(way.beyond_enu_m - way.aim_enu_m, bearing_rad)):
+    for column, part_m in enumerate(_turned(way.beyond_enu_m - way.aim_enu_m, turn)):
         out[..., 4 + column] = part_m / WAYS_TURN_M
-    for column, part_m in enumerate(_turned(target_m - position_m, bearing_rad)):
+    for column, part_m in enumerate(_turned(target_m - position_m, turn)):
         out[..., 7 + column] = part_m / RAYS_UNIT_M
     out[..., 10] = np.sqrt(np.square(target_m - position_m).sum(axis=-1)) / RAYS_UNIT_M
     out[..., 11] = way.left_m / WAYS_LEFT_M
     out[..., 12] = height_m / RAYS_UNIT_M
     out[..., 13] = (situation.map.size_m[2] - height_m) / RAYS_UNIT_M
     out[..., 14] = _closeness(height_m - obstacles.floor_m(position_m))
-    _fill_velocity(out[..., 15:18], situation, bearing_rad)
+    _fill_velocity(out[..., 15:18], situation, turn)
 
     wall_m, roof_m = obstacles.horizontal_rays(
         position_m, bearing_rad[..., None] + _FAN_RAD, RAYS_RANGE_M
@@ -352,7 +365,8 @@ def build_observation(
     observation = np.empty((*batch, len(layout.fields)), dtype=np.float32)
     layout.fill(observation, situation)
     low, high = layout.bounds()
-    return np.clip(observation, low, high, out=observation)
+    np.maximum(observation, low, out=observation)
+    return np.minimum(observation, high, out=observation)
 
 
 def describe_layout(layout: Layout, seen: Sequence[tuple[float, float]] = ()) -> str:

@@ -31,6 +31,7 @@ _BEYOND_M = 1e5
 _AROUND = MOVES[:HERE]
 _SHARE = ((np.arange(_SAMPLES) + 0.5) / _SAMPLES).astype(np.float32)[:, None, None]
 _END_SHARE = np.minimum(_SHARE, 1.0 - _SHARE)
+_KNOWN: BoolArray = np.array(True)
 _LOOK_AT: tuple[bool, ...] = tuple(step in LOOKS for step in range(int(LOOKS[-1]) + 1))
 
 
@@ -178,7 +179,7 @@ class Ways:
         aim_m, beyond = point_m[last], min(last + BEYOND_LOOKS, len(LOOKS) - 1)
         rest_m = 0.0 if arrived[last] else self._cost_m.item(chain[last])
         left_m = _length_m(aim_m - position_enu_m) + rest_m
-        return WayAhead(aim_m, point_m[beyond], left_m, np.True_)
+        return WayAhead(aim_m, point_m[beyond], left_m, _KNOWN)
 
     def length_m(
         self, field: IntArray, position_enu_m: FloatArray, target_enu_m: FloatArray
