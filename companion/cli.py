@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NoReturn
 
 import msgspec
 import tyro
@@ -224,8 +224,9 @@ def _preflight(argv: list[str]) -> int:
     return seen.exit_code
 
 
-def _mock(argv: list[str]) -> int:
-    """Become the mock, the program of its own that it is; nothing of it is imported here."""
+def _mock(argv: list[str]) -> NoReturn:
+    """Become the mock, a program of its own: whoever ends us ends it, and no child is left."""
+    sys.stdout.flush()
     os.execv(sys.executable, [sys.executable, "-m", "sim.mock", *argv])
 
 

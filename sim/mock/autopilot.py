@@ -14,7 +14,7 @@ from sim.mock.health import Battery
 from sim.mock.parameters import Parameters
 from sim.mock.pilot import Pilot
 
-EMERGENCY, CRITICAL, WARNING, INFO = 0, 2, 4, 6
+EMERGENCY, CRITICAL, ERROR, WARNING, INFO = 0, 2, 3, 4, 6
 """MAV_SEVERITY of the texts."""
 
 UNINIT, BOOTING, STANDBY, ACTIVE, FAILSAFE = 0, 1, 3, 4, 5
@@ -85,6 +85,8 @@ class Autopilot(ABC):
         self.setpoints_received = 0
         self.setpoints_outside_offboard = 0
         self.setpoints_refused = 0
+        self.wants_reboot = False
+        """Whether somebody has asked it to restart, and it obeys."""
         self.deaf = False
         """A fault: setpoints no longer reach the autopilot."""
         self._texts: list[tuple[int, str]] = []

@@ -89,6 +89,8 @@ def _build(
     options: argparse.Namespace, personality: Personality, addresses: Sequence[Address]
 ) -> MockVehicle:
     _check_ranges(options)
+    if not 0 <= options.usb_link <= len(addresses):
+        raise UsageError(f"--usb-link {options.usb_link}: there are only {len(addresses)} links")
     seeds = np.random.SeedSequence(options.seed).spawn(1 + len(options.target))
     place = _place(options, personality)
     vehicle_rng, *target_rngs = (np.random.default_rng(seed) for seed in seeds)
@@ -115,6 +117,7 @@ def _build(
             system_id=options.sysid,
             signing_key=None if options.signing_key is None else load_key(options.signing_key),
             signing_stamp=stamp_at(clock.utc_now()),
+            usb_link=options.usb_link,
         ),
         ground_links=[address.ground for address in addresses],
         rng=vehicle_rng,
@@ -175,6 +178,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--connect", action="append", required=True, metavar="URL", help="a link; see PORTS")
     add("--sysid", type=int, default=1, metavar="N", help="system id (1)")
     add("--signing-key", type=Path, metavar="FILE", help="sign, and refuse who does not")
+    add("--usb-link", type=int, default=0, metavar="N",
+        help="the Nth link is the USB port, where ArduPilot trusts everybody (none)")  # fmt: skip
     add("--map", metavar="FILE|NAME", help="map whose obstacles the referee watches")
     add(
         "--home",

@@ -9,7 +9,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.mock.autopilot import Autopilot
+from sim.mock.autopilot import ERROR, Autopilot
 from sim.mock.channel import Channel
 from sim.mock.packet import MAVLINK2, Definition
 
@@ -79,8 +79,15 @@ def _mission_list(autopilot: Autopilot, channel: Channel, message: Any) -> None:
     channel.send(mavlink.MAVLink_mission_count_message(*sender, 0, message.mission_type))
 
 
-def _mission_refused(autopilot: Autopilot, channel: Channel, message: Any) -> None:
-    """Refuse an upload, and requests for items that are not there."""
+def _mission_upload(autopilot: Autopilot, channel: Channel, message: Any) -> None:
+    """Refuse an upload, but for one of no items: that clears what is not there."""
+    empty = message.count == 0
+    result = mavlink.MAV_MISSION_ACCEPTED if empty else mavlink.MAV_MISSION_UNSUPPORTED
+    _acknowledge_mission(channel, message, result)
+
+
+def _mission_item(autopilot: Autopilot, channel: Channel, message: Any) -> None:
+    """Refuse a request for an item: there are none."""
     _acknowledge_mission(channel, message, mavlink.MAV_MISSION_UNSUPPORTED)
 
 
@@ -112,8 +119,10 @@ def _ftp(autopilot: Autopilot, channel: Channel, message: Any) -> None:
 
 def _setup_signing(autopilot: Autopilot, channel: Channel, message: Any) -> None:
     """SETUP_SIGNING: a key for all links, on the ground only; zeros end signing."""
-    if not autopilot.armed:
-        channel.keyring.set_up(bytes(message.secret_key), message.initial_timestamp)
+    if autopilot.armed:
+        autopilot.say(ERROR, "ERROR: Won't setup signing when armed")
+        return
+    channel.keyring.set_up(bytes(message.secret_key), message.initial_timestamp)
 
 
 SHARED_HANDLERS: dict[str, Handler] = {
@@ -124,9 +133,9 @@ SHARED_HANDLERS: dict[str, Handler] = {
     "PARAM_REQUEST_LIST": _param_list,
     "PARAM_SET": _param_set,
     "MISSION_REQUEST_LIST": _mission_list,
-    "MISSION_COUNT": _mission_refused,
-    "MISSION_REQUEST_INT": _mission_refused,
-    "MISSION_REQUEST": _mission_refused,
+    "MISSION_COUNT": _mission_upload,
+    "MISSION_REQUEST_INT": _mission_item,
+    "MISSION_REQUEST": _mission_item,
     "MISSION_CLEAR_ALL": _mission_clear,
     "LOG_REQUEST_LIST": _log_list,
     "FILE_TRANSFER_PROTOCOL": _ftp,

@@ -35,5 +35,9 @@ class Personality:
     """Where its simulator boots."""
     response: Response
     """How its simulator answers velocity demands."""
+    unsigned_allowed: Collection[int] = ()
+    """Messages that it takes without a signature, where there is a key."""
+    trusts_usb: bool = False
+    """Whether it takes all packets without a signature on its USB port."""
     silent_faults: Collection[str] = ()
     """Kinds of faults that cannot befall it."""

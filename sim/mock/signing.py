@@ -2,12 +2,14 @@
 
 One keyring belongs to the vehicle. With a key in it every packet that leaves is signed, those of
 targets and other companions too, and what comes unsigned, wrongly signed, again or too late is
-dropped and counted. RADIO_STATUS comes from the telemetry radio itself and needs no signature.
+dropped and counted. Some messages need no signature, RADIO_STATUS for one, which comes from the
+telemetry radio itself.
 """
 
 import hashlib
 import struct
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,7 +25,6 @@ SIGNATURE_BYTES = 13
 KEY_BYTES = 32
 NEW_STREAM_LATE_TICKS = 60 * TICKS_PER_S
 """A sender not heard before may be a minute behind; one that is known has to rise only."""
-UNSIGNED_ALLOWED = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS})
 _EPOCH = datetime(2015, 1, 1, tzinfo=UTC)
 
 
@@ -65,6 +66,8 @@ class Keyring:
     secret: bytes | None = None
     stamp: int = 0
     """The newest stamp sent or heard; time moves it on."""
+    unsigned_allowed: Collection[int] = ()
+    """Messages that need no signature."""
     refused: Counter[str] = field(default_factory=Counter)
     """Packets dropped, by reason."""
     _heard: dict[tuple[int, int, int], int] = field(default_factory=dict)
@@ -78,8 +81,8 @@ class Keyring:
         self.stamp += whole
 
     def set_up(self, secret: bytes, stamp: int) -> None:
-        """Take the key of SETUP_SIGNING; one of zeros ends signing."""
-        self.secret = secret if any(secret) else None
+        """Take the key of SETUP_SIGNING; one of zeros with a stamp of zero ends signing."""
+        self.secret = secret if any(secret) or stamp else None
         self.stamp = max(self.stamp, stamp)
 
     def sign_for_sender(self, packet: bytes) -> bytes:
@@ -114,7 +117,7 @@ class Keyring:
 
     def _objection(self, packet: bytes) -> str | None:
         if packet[0] != MAVLINK2 or not packet[2] & SIGNED:
-            return None if message_id(packet) in UNSIGNED_ALLOWED else "unsigned"
+            return None if message_id(packet) in self.unsigned_allowed else "unsigned"
         if packet[-6:] != self._signature(packet[:-6]):
             return "wrong signature"
         stamp = int.from_bytes(packet[-12:-6], "little")

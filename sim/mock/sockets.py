@@ -143,6 +143,7 @@ class TcpLink:
         if not data:
             self._stream.close()
             self._stream = None
+            return []
         return [data]
 
     def send(self, packet: bytes) -> None:

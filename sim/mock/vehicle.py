@@ -50,6 +50,8 @@ class Settings:
     """32 bytes that everybody on the links signs with; ``None`` where nobody does."""
     signing_stamp: int = 0
     """The stamp at power-up, see ``signing.stamp_at``."""
+    usb_link: int = 0
+    """Which link is the USB port, counted from 1; 0 where none is."""
 
 
 class MockVehicle:
@@ -80,10 +82,15 @@ class MockVehicle:
         self.intruder: Intruder | None = None
         self.time_s = 0.0
         self._personality = settings.personality
-        self._keyring = Keyring(settings.signing_key, settings.signing_stamp)
+        self._keyring = Keyring(
+            settings.signing_key, settings.signing_stamp, self._personality.unsigned_allowed
+        )
+        usb_link = settings.usb_link - 1 if self._personality.trusts_usb else None
         self._channels = [
-            self._personality.open_channel(Port(ground, settings.system_id, self._keyring))
-            for ground in ground_links
+            self._personality.open_channel(
+                Port(ground, settings.system_id, self._keyring, trusted=number == usb_link)
+            )
+            for number, ground in enumerate(ground_links)
         ]
         self._heard: list[set[tuple[int, int]]] = [set() for _ in ground_links]
         self._inbound = [Wire(impairment, rng) for impairment in self.impairments]
@@ -227,6 +234,8 @@ class MockVehicle:
             self.log(f"complaint: {line}")
         for each in self._channels:
             each.show_changes(self.autopilot)
+        if self.autopilot.wants_reboot:
+            self.reboot()
 
     def _route(self, link: int, message: Any) -> None:
         """Pass on what is not for this autopilot alone: other parties' heartbeats above all."""

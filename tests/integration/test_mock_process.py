@@ -166,6 +166,26 @@ def test_it_ends_with_its_parent(tmp_path):
     pytest.fail("the mock outlived its parent")
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_nothing_is_left_of_the_command_when_it_is_killed(number):
+    port = free_port()
+    command = [
+        sys.executable,
+        "-m",
+        "companion.cli",
+        "mock",
+        "--connect",
+        f"udpin:127.0.0.1:{port}",
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.send_signal(number)
+        assert process.stdout.read() == ""  # ends when nobody holds the pipe any more
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as again:
+        again.bind(("127.0.0.1", port))
+
+
 @pytest.mark.parametrize("kind", ["udpout", "udpin", "tcpin"])
 def test_pymavlink_arms_and_takes_off_on_every_transport(start, connect, kind):
     port = free_port(socket.SOCK_STREAM if kind == "tcpin" else socket.SOCK_DGRAM)

@@ -211,3 +211,54 @@ def test_commands_with_silly_values_get_an_answer(number, value):
     bench = booted()
     assert bench.command(number, *(value,) * 7) in range(5)
     bench.run(1.0)
+
+
+# -- intervals, missions, restart ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("asked_us", "got_us"),
+    [(50_000, 50_000), (1, 1000), (-2, 1000), (1_500, 1000), (3e8, 60_000_000), (-1, -1), (0, -1)],
+    ids=["20 Hz", "1 us", "-2 us", "1.5 ms", "5 minutes", "off", "default"],
+)
+def test_intervals_are_whole_milliseconds_up_to_a_minute(asked_us, got_us):
+    bench = booted()
+    assert bench.command(511, 30, asked_us) == 0
+    assert bench.command(510, 30) == 0
+    answer = bench.last("MESSAGE_INTERVAL")
+    assert (answer.message_id, answer.interval_us) == (30, got_us)
+
+
+def test_unknown_messages_are_refused_with_a_text():
+    bench = booted()
+    assert bench.command(511, 436, 1e6) == 2
+    assert bench.texts()[-1] == "No ap_message for mavlink id (436)"
+    assert bench.command(510, 436) == 4
+    assert bench.last("MESSAGE_INTERVAL").interval_us == 0
+    assert bench.command(512, 436) == 4
+
+
+def test_an_upload_of_no_items_clears_the_mission():
+    bench = booted()
+    for count, answer in ((0, 0), (3, 3)):
+        bench.send(mavlink.MAVLink_mission_count_message(1, 1, count, 0))
+        assert bench.last("MISSION_ACK").type == answer
+
+
+def test_it_restarts_when_asked_on_the_ground():
+    bench = booted()
+    assert bench.command(246, 2) == 3
+    assert bench.command(511, 32, 50_000) == 0
+    bench.run(1.0)
+    before = bench.last("LOCAL_POSITION_NED").time_boot_ms
+    assert bench.command(246, 1) == 0
+    bench.run(1.0)
+    restarted = bench.time_s - 0.9
+    assert not bench.all("LOCAL_POSITION_NED", since_s=restarted)  # what was asked is forgotten
+    bench.run(1.0)
+    assert bench.command(511, 32, 50_000) == 0
+    bench.run(0.5)
+    assert bench.last("LOCAL_POSITION_NED").time_boot_ms < before
+    assert bench.command(176, 1.0, GUIDED) == 0
+    assert bench.command(400, 1.0) == 0
+    assert bench.command(246, 1) == 4

@@ -39,20 +39,24 @@ def answers(bench):
     return [(m.command, m.result) for m in bench.all("COMMAND_ACK")]
 
 
+def booted(personality, *, usb_link=0, **options):
+    """A vehicle which signs."""
+    settings = Settings(
+        place_vehicle(None, None, personality),
+        personality=personality,
+        signing_key=KEY,
+        signing_stamp=STAMP,
+        usb_link=usb_link,
+    )
+    bench = Bench(settings, **options)
+    bench.run(2.0)
+    return bench
+
+
 @pytest.fixture(params=[PX4, ARDUPILOT], ids=lambda personality: personality.name)
 def signed(request):
     """Return a function that boots a vehicle which signs."""
-
-    def start(**options):
-        place = place_vehicle(None, None, request.param)
-        bench = Bench(
-            Settings(place, personality=request.param, signing_key=KEY, signing_stamp=STAMP),
-            **options,
-        )
-        bench.run(2.0)
-        return bench
-
-    return start
+    return lambda **options: booted(request.param, **options)
 
 
 def test_everything_that_leaves_is_signed_and_verifies(signed):
@@ -136,10 +140,39 @@ def test_senders_and_their_links_have_stamps_of_their_own(signed):
     assert len(answers(bench)) == 3
 
 
-def test_radio_status_needs_no_signature(signed):
-    bench = signed()
-    bench.send(mavlink.MAVLink_radio_status_message(1, 2, 3, 4, 5, 6, 7), identity=(51, 68))
-    assert bench.vehicle.report()["packets_refused"] == {}
+RADIO = mavlink.MAVLink_radio_status_message(1, 2, 3, 4, 5, 6, 7)
+HEARTBEAT = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
+
+
+@pytest.mark.parametrize(
+    ("personality", "message", "refused"),
+    [(PX4, RADIO, 0), (PX4, HEARTBEAT, 0), (ARDUPILOT, RADIO, 0), (ARDUPILOT, HEARTBEAT, 1)],
+    ids=["px4, radio", "px4, heartbeat", "ardupilot, radio", "ardupilot, heartbeat"],
+)
+def test_some_messages_need_no_signature(personality, message, refused):
+    bench = booted(personality)
+    bench.send(message, identity=(51, 68))
+    assert bench.vehicle.report()["packets_refused"].get("unsigned", 0) == refused
+
+
+@pytest.mark.parametrize(("personality", "obeys"), [(PX4, False), (ARDUPILOT, True)])
+def test_only_ardupilot_trusts_whoever_is_on_its_usb_port(personality, obeys):
+    bench = booted(personality, ground_links=(False, False), usb_link=2)
+    forged = command(176, 1.0, 4.0).pack(holder(OTHER_KEY))
+    bench.vehicle.receive(1, forged)
+    bench.send(command(176, 1.0, 4.0), link=1)
+    bench.run(0.1)
+    assert len(bench.all("COMMAND_ACK", link=1)) == (2 if obeys else 0)
+    bench.send(command(176, 1.0, 4.0), link=0)
+    bench.run(0.1)
+    assert bench.all("COMMAND_ACK", link=0) == []
+
+
+def test_a_key_of_zeros_with_a_stamp_is_a_key():
+    bench = Bench()
+    bench.run(2.0)
+    bench.send(mavlink.MAVLink_setup_signing_message(1, 1, bytes(32), STAMP))
+    assert bench.command(ARM, 1.0) is None
 
 
 def test_a_key_can_be_set_up_and_taken_away_on_the_ground():
@@ -161,8 +194,11 @@ def test_no_key_is_taken_in_flight():
     bench = Bench()
     bench.run(2.0)
     assert bench.command(ARM, 1.0) == 0
+    bench.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), identity=(255, 190))
     bench.send(mavlink.MAVLink_setup_signing_message(1, 1, KEY, STAMP))
     assert bench.command(ARM, 1.0) == 0
+    bench.run(0.2)
+    assert bench.texts()[-1] == "ERROR: Won't setup signing when armed"
 
 
 @pytest.mark.parametrize(

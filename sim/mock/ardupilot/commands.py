@@ -52,6 +52,16 @@ def _arm_disarm(copter: ArduCopter, command: Command) -> Result:
     return Result.UNSUPPORTED
 
 
+def _reboot(copter: ArduCopter, command: Command) -> Result:
+    """PREFLIGHT_REBOOT_SHUTDOWN: 1 restarts it, 3 would hold it in its loader."""
+    if copter.armed:
+        return Result.FAILED
+    if command.params[0] != 1.0:
+        return Result.UNSUPPORTED
+    copter.wants_reboot = True
+    return Result.ACCEPTED
+
+
 def _takeoff(copter: ArduCopter, command: Command) -> Result:
     if command.frame not in (None, GLOBAL_RELATIVE_ALT):
         return Result.DENIED
@@ -90,5 +100,6 @@ _HANDLERS: dict[int, CommandHandler] = {
     CommandId.NAV_TAKEOFF: _takeoff,
     CommandId.DO_SET_MODE: _do_set_mode,
     CommandId.DO_REPOSITION: _reposition,
+    CommandId.PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
     CommandId.COMPONENT_ARM_DISARM: _arm_disarm,
 }

@@ -1,7 +1,7 @@
 """ArduCopter itself: arming, modes, GUIDED and failsafes. No bytes, no clock.
 
 Rule numbers (A1, A2, ...) are those of the protocol notes this personality was written from;
-every one is a named test in ``tests/unit/test_mock_ardupilot.py``.
+every one is a named test in ``tests/unit/test_mock_ardupilot*.py``.
 """
 
 from types import MappingProxyType

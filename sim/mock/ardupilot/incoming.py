@@ -1,5 +1,6 @@
 """What ArduCopter does with messages addressed to it."""
 
+import math
 from collections.abc import Collection
 from typing import Any
 
@@ -10,7 +11,7 @@ from sim.mock.ardupilot.channel import CopterChannel
 from sim.mock.ardupilot.commands import AMSL_FRAMES, RELATIVE_FRAMES, run_command, set_mode
 from sim.mock.ardupilot.copter import ArduCopter
 from sim.mock.ardupilot.setpoints import read_setpoint
-from sim.mock.autopilot import COMPONENT_ID
+from sim.mock.autopilot import COMPONENT_ID, INFO
 from sim.mock.channel import Channel
 from sim.mock.commands import CommandId, Result, read_command, whole
 from sim.mock.dynamics import Vector
@@ -41,9 +42,18 @@ def _command(copter: ArduCopter, channel: Channel, message: Any) -> None:
     command = read_command(message)
     number, first = command.command, whole(command.params[0])
     if number == CommandId.SET_MESSAGE_INTERVAL:
-        known = channel.set_interval(first, command.params[1], copter.now_s)
+        known = channel.set_interval(first, _interval_us(command.params[1]), copter.now_s)
+        if not known:
+            copter.say(INFO, f"No ap_message for mavlink id ({first})")
         channel.acknowledge(
             copter.now_s, message, number, Result.ACCEPTED if known else Result.DENIED
+        )
+    elif number == CommandId.GET_MESSAGE_INTERVAL:
+        known = first in channel.builders
+        interval_us = (channel.interval_us(first) or -1) if known else 0
+        channel.send(mavlink.MAVLink_message_interval_message(first & 0xFFFF, interval_us))
+        channel.acknowledge(
+            copter.now_s, message, number, Result.ACCEPTED if known else Result.FAILED
         )
     elif number == CommandId.REQUEST_MESSAGE:
         known = first in channel.builders
@@ -64,6 +74,13 @@ def _command(copter: ArduCopter, channel: Channel, message: Any) -> None:
         _send_once(copter, channel, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
     else:
         channel.acknowledge(copter.now_s, message, number, run_command(copter, command))
+
+
+def _interval_us(asked_us: float) -> float:
+    """Return an interval as ArduPilot takes it: whole milliseconds up to a minute."""
+    if asked_us in (0.0, -1.0) or not math.isfinite(asked_us):
+        return asked_us
+    return 1e3 * min(60_000, max(1, int(asked_us) // 1000))
 
 
 def _send_once(copter: ArduCopter, channel: Channel, message_id: int) -> None:

@@ -1,5 +1,7 @@
 """ArduCopter as a personality of the mock."""
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from companion.world.frames import GeoPoint
 from sim.mock.ardupilot.channel import CopterChannel
 from sim.mock.ardupilot.copter import ArduCopter
@@ -18,6 +20,8 @@ ARDUPILOT = Personality(
     is_for_us=is_for_us,
     projection=FlatProjection,
     home=GeoPoint(-35.3632610, 149.1652299, 584.09),
+    unsigned_allowed=(mavlink.MAVLINK_MSG_ID_RADIO_STATUS, mavlink.MAVLINK_MSG_ID_RADIO),
+    trusts_usb=True,
     response=Response(
         velocity_lag_s=0.6,
         climb_lag_s=0.35,

@@ -1,7 +1,7 @@
 """PX4's commander: arming, modes, offboard and failsafe rules. No bytes, no clock.
 
 Rule numbers (P2, P3, ...) are those of the protocol notes this personality was written from;
-every one is a named test in ``tests/unit/test_mock_px4.py``.
+every one is a named test in ``tests/unit/test_mock_px4*.py``.
 """
 
 import math
@@ -38,6 +38,8 @@ HALF_FULL = 0.5
 """No battery failsafe acts on more."""
 REST_S = 2.3
 """The estimator notices so long after disarming that the vehicle rests (recorded: 2.0 to 2.6)."""
+CENTRED, AT_THE_BOTTOM = 0.2, -0.8
+"""Throttle sticks with which a pilot's mode may be armed in."""
 UNHEALTHY = "Arming denied: Resolve system health failures first"
 
 
@@ -140,7 +142,8 @@ class Px4(Autopilot):
 
         Args:
             mode: What is asked for.
-            explain: Whether to say why not; PX4 tells ground stations (component 190) only.
+            explain: Whether to say why not: always but for DO_SET_MODE, where PX4 tells
+                ground stations (component 190) only.
         """
         if self.armed and mode is not Mode.LAND and not self._can_run(mode):
             if explain:
@@ -158,6 +161,9 @@ class Px4(Autopilot):
         """Arm, or refuse with a text (P3, P18)."""
         if self.armed:
             return True
+        if self.mode.needs_pilot and self.pilot_present() and not self._throttle_is_safe():
+            self.say(CRITICAL, "Arming denied: throttle not in safe position")
+            return False
         if not self.can_arm():
             self.say(CRITICAL, UNHEALTHY)
             return False
@@ -187,14 +193,25 @@ class Px4(Autopilot):
     def take_off(self, altitude_m: float) -> bool:
         """Go to AUTO.TAKEOFF; ``altitude_m`` is AMSL, NaN means MIS_TAKEOFF_ALT above home."""
         self.flight.takeoff_altitude_m = altitude_m
-        return self.request_mode(Mode.TAKEOFF)
+        return self.request_mode(Mode.TAKEOFF, explain=True)
 
     def reposition(self, point: GeoPoint) -> bool:
         """Hold at ``point`` (P17: this leaves OFFBOARD)."""
-        accepted = self.request_mode(Mode.LOITER)
+        accepted = self.request_mode(Mode.LOITER, explain=True)
         if accepted:
             self.flight.go_to(self.estimator.from_geodetic(point))
         return accepted
+
+    def set_home(self, point: GeoPoint | None) -> bool:
+        """Put home to ``point``, or to where the vehicle is; refused before there is a position."""
+        if not self.estimator.global_known(self.now_s):
+            return False
+        self._set_home()
+        if point is not None:
+            self.home_true_m = self.estimator.from_geodetic(point)
+        if self.home_true_m is not None:
+            self.flight.home_true_m = self.home_true_m
+        return True
 
     def refuse_setpoint(self, reason: str) -> None:
         """Drop an invalid setpoint: it feeds nothing, and the text says why (P7, P8)."""
@@ -277,11 +294,17 @@ class Px4(Autopilot):
             return False
         if mode is Mode.MISSION:
             return False  # none is ever loaded
-        if mode in (Mode.MANUAL, Mode.STABILIZED, Mode.ALTCTL, Mode.LAND):
+        if mode in (Mode.MANUAL, Mode.ACRO, Mode.STABILIZED, Mode.ALTCTL, Mode.LAND):
             return True
         if not self.estimator.ready(self.now_s):
             return False
         return mode is not Mode.OFFBOARD or self.setpoints_fresh()
+
+    def _throttle_is_safe(self) -> bool:
+        """Whether the stick is low enough to arm: centred where it climbs, else at the bottom."""
+        climbs = self.mode in (Mode.ALTCTL, Mode.POSCTL)
+        up = self.pilot.sticks.up
+        return up <= CENTRED if climbs else up < AT_THE_BOTTOM
 
     def _apply_mode(self) -> None:
         mode = self.failsafe.mode or self.intention

@@ -19,7 +19,7 @@ from sim.mock.commands import (
     whole,
 )
 from sim.mock.px4.commander import Px4
-from sim.mock.px4.modes import MODE_CUSTOM, Mode, find_mode, knows_main_mode
+from sim.mock.px4.modes import MODE_CUSTOM, Mode, find_base_mode, find_mode, knows_main_mode
 
 UNIT_GPS, FAILURE_OK, FAILURE_OFF = 4, 0, 1
 """FAILURE_UNIT and FAILURE_TYPE of INJECT_FAILURE."""
@@ -35,11 +35,10 @@ def run_command(px4: Px4, command: Command) -> Result:
 
 def set_mode(px4: Px4, base_mode: int, main: int, sub: int, source_component: int) -> Result:
     """Handle DO_SET_MODE and SET_MODE."""
-    if not base_mode & MODE_CUSTOM:
-        return Result.TEMPORARILY_REJECTED
-    mode = find_mode(main, sub)
+    mode = find_mode(main, sub) if base_mode & MODE_CUSTOM else find_base_mode(base_mode)
     if mode is None:
-        kind = "auto" if knows_main_mode(main) else "main"
+        known = "auto" if knows_main_mode(main) else "main"
+        kind = known if base_mode & MODE_CUSTOM else "base"
         px4.say(CRITICAL, f"Unsupported {kind} mode")
         return Result.TEMPORARILY_REJECTED
     explain = source_component == COMP_ID_MISSIONPLANNER
@@ -57,10 +56,10 @@ def _do_set_mode(px4: Px4, command: Command) -> Result:
 
 def _arm_disarm(px4: Px4, command: Command) -> Result:
     wanted, magic = command.params[0], command.params[1]
-    if wanted not in (0.0, 1.0):
+    if not -0.5 < wanted < 1.5:
         px4.say(CRITICAL, f"Unsupported ARM_DISARM param: {wanted:.3f}")
         return Result.UNSUPPORTED
-    if wanted == 1.0:
+    if wanted >= 0.5:
         return _accepted(px4.arm())
     return _accepted(px4.disarm(forced=magic == FORCE))
 
@@ -77,7 +76,7 @@ def _land(px4: Px4, command: Command) -> Result:
 
 
 def _return(px4: Px4, command: Command) -> Result:
-    done = px4.request_mode(Mode.RTL)
+    done = px4.request_mode(Mode.RTL, explain=True)
     if done:
         px4.say(INFO, "Returning to launch")
     return _accepted(done)
@@ -97,7 +96,32 @@ def _reposition(px4: Px4, command: Command) -> Result:
 
 
 def _reboot(px4: Px4, command: Command) -> Result:
-    return Result.DENIED  # PX4 SITL refuses; the reboot fault does it for real
+    """PREFLIGHT_REBOOT_SHUTDOWN: 0 asks for nothing, and PX4 SITL refuses all else."""
+    return Result.ACCEPTED if whole(command.params[0]) == 0 else Result.DENIED
+
+
+def _set_home(px4: Px4, command: Command) -> Result:
+    latitude, longitude, altitude = command.params[4:]
+    if command.params[0] > 0.5:
+        return _accepted(px4.set_home(None))
+    if not all(map(math.isfinite, (latitude, longitude, altitude))):
+        return Result.DENIED
+    return _accepted(px4.set_home(GeoPoint(latitude, longitude, altitude)))
+
+
+def _start_mission(px4: Px4, command: Command) -> Result:
+    px4.say(CRITICAL, "Mission start denied! No valid mission")
+    return Result.DENIED
+
+
+def _check(px4: Px4, command: Command) -> Result:
+    return Result.ACCEPTED
+
+
+def _terminate(px4: Px4, command: Command) -> Result:
+    """DO_FLIGHTTERMINATION: refused on the ground, and not imitated in the air."""
+    asked = command.params[0] > 0.5 and px4.armed
+    return Result.UNSUPPORTED if asked else Result.DENIED
 
 
 def _inject_failure(px4: Px4, command: Command) -> Result:
@@ -115,7 +139,11 @@ _HANDLERS: dict[int, CommandHandler] = {
     CommandId.NAV_TAKEOFF: _takeoff,
     CommandId.DO_SET_MODE: _do_set_mode,
     CommandId.DO_REPOSITION: _reposition,
+    CommandId.DO_SET_HOME: _set_home,
+    CommandId.DO_FLIGHTTERMINATION: _terminate,
     CommandId.PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
+    CommandId.MISSION_START: _start_mission,
+    CommandId.RUN_PREARM_CHECKS: _check,
     CommandId.INJECT_FAILURE: _inject_failure,
     CommandId.COMPONENT_ARM_DISARM: _arm_disarm,
 }

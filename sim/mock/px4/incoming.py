@@ -1,5 +1,6 @@
 """What PX4 does with messages addressed to it."""
 
+import math
 from collections.abc import Collection
 from typing import Any
 
@@ -8,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.world.frames import GeoPoint
 from sim.mock.autopilot import COMPONENT_ID
 from sim.mock.channel import Channel
-from sim.mock.commands import CommandId, Result, read_command, whole
+from sim.mock.commands import NOT_GIVEN, Command, CommandId, Result, read_command, whole
 from sim.mock.dynamics import Vector
 from sim.mock.incoming import SHARED_HANDLERS, Handler
 from sim.mock.pilot import Sticks
@@ -22,6 +23,8 @@ _RELATIVE_FRAMES = (
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
 )
+NAN_BITS = 0x7FF80000
+"""What a NaN becomes in x and y of COMMAND_INT."""
 
 
 def is_for_us(message: Any, system_id: int, elsewhere: Collection[tuple[int, int]]) -> bool:
@@ -45,24 +48,46 @@ def _command(px4: Px4, channel: Channel, message: Any) -> None:
     if message.target_system != px4.system_id:
         return  # commands to everybody are not ours to answer
     command = read_command(message)
-    number = command.command
-    if number == CommandId.SET_MESSAGE_INTERVAL:
-        known = channel.set_interval(whole(command.params[0]), command.params[1], px4.now_s)
-        result = Result.ACCEPTED if known else Result.FAILED
+    number, first = command.command, whole(command.params[0])
+    if _mistaken(message):
+        result = Result.DENIED
+    elif number == CommandId.SET_MESSAGE_INTERVAL:
+        result = _set_interval(px4, channel, command)
+    elif number == CommandId.GET_MESSAGE_INTERVAL:
+        interval_us = channel.interval_us(first)
+        channel.send(mavlink.MAVLink_message_interval_message(first & 0xFFFF, interval_us))
+        result = Result.ACCEPTED
     elif number == CommandId.REQUEST_MESSAGE:
-        result = _send_once(px4, channel, whole(command.params[0]))
+        result = _send_once(px4, channel, first)
+    elif (message.get_srcSystem(), message.get_srcComponent()) == (px4.system_id, COMPONENT_ID):
+        return  # somebody calls himself the autopilot
     else:
         result = run_command(px4, command)
     channel.acknowledge(px4.now_s, message, number, result)
 
 
+def _mistaken(message: Any) -> bool:
+    """Return whether "not given" was written as the other of the two messages writes it."""
+    if message.get_type() == "COMMAND_LONG":
+        return bool(message.param5 == message.param6 == float(NOT_GIVEN + 1))
+    return bool(message.x == message.y == NAN_BITS)
+
+
+def _set_interval(px4: Px4, channel: Channel, command: Command) -> Result:
+    """Handle SET_MESSAGE_INTERVAL; HEARTBEAT stays, and nothing may be asked for besides."""
+    number, interval_us = whole(command.params[0]), command.params[1]
+    besides = [whole(command.params[index] + 0.5) for index in (2, 3, 6)]
+    if number == mavlink.MAVLINK_MSG_ID_HEARTBEAT or any(value > 0 for value in besides):
+        return Result.FAILED
+    wanted_us = interval_us if math.isfinite(interval_us) else 0.0
+    return Result.ACCEPTED if channel.set_interval(number, wanted_us, px4.now_s) else Result.FAILED
+
+
 def _send_once(px4: Px4, channel: Channel, message_id: int) -> Result:
     build = channel.builders.get(message_id)
-    if build is None:
-        return Result.UNSUPPORTED
-    message = build(px4)
+    message = None if build is None else build(px4)
     if message is None:
-        return Result.TEMPORARILY_REJECTED
+        return Result.DENIED
     channel.send(message)
     return Result.ACCEPTED
 

@@ -16,6 +16,7 @@ class Mode(Enum):
     MANUAL = (1, 0)
     ALTCTL = (2, 0)
     POSCTL = (3, 0)
+    ACRO = (5, 0)
     TAKEOFF = (4, 2)
     LOITER = (4, 3)
     MISSION = (4, 4)
@@ -34,7 +35,7 @@ class Mode(Enum):
         """HEARTBEAT.custom_mode: main mode in byte 2, sub mode in byte 3."""
         self.is_external = main == 6
         """Whether the vehicle obeys setpoints in it."""
-        self.needs_pilot = main in (1, 2, 3, 7)
+        self.needs_pilot = main in (1, 2, 3, 5, 7)
         """Whether somebody has to hold the sticks."""
         self.is_auto = main == 4
         """Whether the autopilot flies by itself."""
@@ -59,13 +60,14 @@ class Mode(Enum):
             return bits | MODE_STABILIZE | MODE_GUIDED | MODE_AUTO
         if self is Mode.OFFBOARD:
             return bits | (MODE_STABILIZE if offboard_seen else 0)
-        return bits | MODE_STABILIZE | MODE_MANUAL_INPUT
+        return bits | MODE_MANUAL_INPUT | (0 if self is Mode.ACRO else MODE_STABILIZE)
 
 
 _TITLES = {
     Mode.MANUAL: "Manual",
     Mode.ALTCTL: "Altitude",
     Mode.POSCTL: "Position",
+    Mode.ACRO: "Acro",
     Mode.TAKEOFF: "Takeoff",
     Mode.LOITER: "Hold",
     Mode.MISSION: "Mission",
@@ -80,7 +82,20 @@ _MAIN_MODES = frozenset(mode.main for mode in Mode)
 
 def find_mode(main: int, sub: int) -> Mode | None:
     """Return the mode with these numbers; the sub mode counts for AUTO (4) only."""
+    if (main, sub) == (4, 0):
+        return Mode.MISSION
     return _BY_NUMBER.get((main, sub if main == 4 else 0))
+
+
+def find_base_mode(base_mode: int) -> Mode | None:
+    """Return the mode that a base mode without the custom bit means."""
+    if base_mode & MODE_AUTO:
+        return Mode.MISSION
+    if not base_mode & MODE_MANUAL_INPUT:
+        return None
+    if base_mode & MODE_GUIDED:
+        return Mode.POSCTL
+    return Mode.STABILIZED if base_mode & MODE_STABILIZE else Mode.MANUAL
 
 
 def knows_main_mode(main: int) -> bool:

@@ -1,5 +1,7 @@
 """PX4 as a personality of the mock."""
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from companion.world.frames import GeoPoint
 from sim.mock.dynamics import Response
 from sim.mock.geodesy import SphericalProjection
@@ -18,6 +20,12 @@ PX4 = Personality(
     is_for_us=is_for_us,
     projection=SphericalProjection,
     home=GeoPoint(47.397742, 8.545594, 489.4),
+    unsigned_allowed=(
+        mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+        mavlink.MAVLINK_MSG_ID_RADIO_STATUS,
+        mavlink.MAVLINK_MSG_ID_ADSB_VEHICLE,
+        mavlink.MAVLINK_MSG_ID_COLLISION,
+    ),
     response=Response(
         velocity_lag_s=1.0 / 1.6,
         climb_lag_s=1.0 / 4.0,

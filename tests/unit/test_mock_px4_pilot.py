@@ -1,0 +1,139 @@
+"""PX4 with a pilot: sticks that take over, and manual control that is lost (P12, P13, P14)."""
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from sim.mock.bench import Bench
+from sim.mock.placement import place_vehicle
+from sim.mock.vehicle import Settings
+
+ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
+SET_MODE, ARM, TAKEOFF, LAND, RTL, REPOSITION = 176, 400, 22, 21, 20, 192
+OFFBOARD = (1.0, 6.0)
+LOITER = (1.0, 4.0, 3.0)
+POSCTL = (1.0, 3.0)
+
+
+def booted(**options):
+    bench = Bench(**options)
+    bench.run(2.0)
+    return bench
+
+
+def flying(**options):
+    """A vehicle in OFFBOARD at 10 m above home, reached on position setpoints."""
+    bench = booted(**options)
+    up = bench.position(0.0, 0.0, -10.0)
+    bench.run(0.5, stream=up)
+    assert bench.command(SET_MODE, *OFFBOARD) == ACCEPTED
+    assert bench.command(ARM, 1.0) == ACCEPTED
+    assert bench.run(15.0, stream=up, until=lambda: altitude_m(bench) > 9.5)
+    bench.run(2.0, stream=up)
+    return bench
+
+
+def altitude_m(bench):
+    return -bench.last("LOCAL_POSITION_NED").z
+
+
+def mode(bench):
+    return bench.last("HEARTBEAT").custom_mode
+
+
+def state(bench):
+    heartbeat = bench.last("HEARTBEAT")
+    return heartbeat.base_mode, heartbeat.custom_mode, heartbeat.system_status
+
+
+def gcs_heartbeat():
+    return mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+
+
+def sticks(**axes):
+    return lambda: mavlink.MAVLink_manual_control_message(
+        1, axes.get("x", 0), axes.get("y", 0), axes.get("z", 500), axes.get("r", 0), 0
+    )
+
+
+def stick_sweep(bench, duration_s):
+    """Push the stick forward from 0 to 0.9 within ``duration_s``, at 20 Hz, while streaming."""
+    stream = bench.velocity(1.0, 0.0, 0.0)
+    steps = max(1, round(duration_s * 20))
+    for step in range(steps + 1):
+        bench.send(sticks(x=round(900 * step / steps))())
+        bench.run(0.05, stream=stream)
+
+
+# -- the pilot -----------------------------------------------------------------------------
+
+
+def test_position_mode_needs_a_pilot_in_the_air():
+    bench = flying()
+    assert bench.command(SET_MODE, *POSCTL) == REJECTED
+
+
+@pytest.mark.parametrize("duration_s", [0.3, 0.6, 1.0])
+def test_p12_fast_sticks_take_over_and_stay(duration_s):
+    bench = flying()
+    bench.run(1.0, stream=sticks())
+    bench.command(SET_MODE, *OFFBOARD)
+    bench.send(bench.velocity(0.0, 0.0, 0.0)())
+    bench.command(SET_MODE, *OFFBOARD)
+    stick_sweep(bench, duration_s)
+    assert bench.vehicle.autopilot.mode.name == "POSCTL"
+    for _ in range(40):
+        bench.send(sticks()())
+        bench.run(0.05, stream=bench.velocity(1.0, 0.0, 0.0))
+    assert bench.vehicle.autopilot.mode.name == "POSCTL"
+    assert bench.command(SET_MODE, *OFFBOARD) == ACCEPTED
+
+
+@pytest.mark.parametrize("duration_s", [0.01, 2.0, 9.0], ids=["single step", "2 s", "slow"])
+def test_p12_slow_sticks_and_a_single_jump_do_not_take_over(duration_s):
+    bench = flying()
+    bench.run(1.0, stream=sticks())
+    bench.send(bench.velocity(0.0, 0.0, 0.0)())
+    bench.command(SET_MODE, *OFFBOARD)
+    stick_sweep(bench, duration_s)
+    assert bench.vehicle.autopilot.mode.name == "OFFBOARD"
+
+
+def test_p13_losing_the_pilot_holds_five_seconds_and_returns_despite_the_stream():
+    settings = Settings(place_vehicle(None, None), radio=True)
+    bench = flying(settings=settings, faults=["from=offboard,t=20,kind=rc_loss"])
+    stream = bench.velocity(0.5, 0.0, 0.0)
+    px4 = bench.vehicle.autopilot
+    assert bench.run(30.0, stream=stream, until=lambda: px4.mode.name == "LOITER")
+    lost_s = bench.time_s
+    bench.run(1.1, stream=stream)
+    assert state(bench) == (0x9D, 0x03040000, 5)
+    assert bench.run(10.0, stream=stream, until=lambda: px4.mode.name == "RTL")
+    assert bench.time_s - lost_s == pytest.approx(5.0, abs=0.2)
+
+
+def test_p13_a_pilot_who_never_was_is_not_missed():
+    bench = flying()
+    bench.run(5.0, stream=bench.velocity(0.5, 0.0, 0.0))
+    assert bench.vehicle.autopilot.failsafe.cause is None
+
+
+def test_p13_com_rcl_except_keeps_offboard_without_the_pilot():
+    settings = Settings(place_vehicle(None, None), radio=True)
+    bench = flying(settings=settings)
+    bench.vehicle.autopilot.parameters.override("COM_RCL_EXCEPT", 4)
+    bench.vehicle.autopilot.pilot.radio = False
+    bench.run(8.0, stream=bench.velocity(0.5, 0.0, 0.0))
+    assert bench.vehicle.autopilot.mode.name == "OFFBOARD"
+
+
+def test_p14_a_silent_companion_is_only_mentioned():
+    bench = flying()
+    onboard = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
+    bench.send(onboard)
+    hover = bench.velocity(0.0, 0.0, 0.0)
+    bench.run(4.5, stream=hover)
+    bench.send(gcs_heartbeat(), identity=(255, 190))
+    assert bench.texts() == []
+    bench.run(1.0, stream=hover)
+    assert bench.texts() == ["Connection to mission computer lost"]
+    assert bench.vehicle.autopilot.mode.name == "OFFBOARD"
