@@ -68,7 +68,7 @@ class PotentialField:
         return _toward(world, field / np.maximum(_length(field), 1.0))
 
 
-BASELINES: dict[str, Policy] = {"planner": fly_the_way, "potential field": PotentialField()}
+BASELINES: dict[str, Policy] = {"planner": fly_the_way, "potential_field": PotentialField()}
 """By name; all of them need a world whose layout shows the way."""
 
 

@@ -49,7 +49,10 @@ def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float])
     judge = _Judge(actor, options, now_s)
     for city in (city for one in cases.values() for city in one.maps):
         actor.check_fits(city, actor.contract.dynamics.v_max_mps or 0.0)
-    results = {where: judge.fly_all(one) for where, one in cases.items()}
+    results = {}
+    for where, one in cases.items():
+        with Console(stderr=True).status(f"flying {where}: {one.episodes} cases"):
+            results[where] = judge.fly_all(one)
     if options.json:
         said = {
             "actor": actor.name,
@@ -180,13 +183,12 @@ def _flat(results: Results) -> dict[str, Any]:
 
 def _tables(results: Mapping[str, Results], actor: str, *, edge_cases: bool) -> list[str]:
     """Return a table of all who flew; of edge cases one for each of them, a row a case."""
-    titles = {_ACTOR: actor, _STRAIGHT: "flying straight"}
+    titles = {name: name.replace("_", " ") for name in BASELINES}
+    titles |= {_ACTOR: actor, _STRAIGHT: "flying straight"}
     if not edge_cases:
         (flown,) = results.values()
-        return [evaluation_table("", {titles.get(who, who): one for who, one in flown.items()})]
+        return [evaluation_table("", {titles[who]: one for who, one in flown.items()})]
     return [
-        evaluation_table(
-            titles.get(who, who), {case: flown[who] for case, flown in results.items()}
-        )
+        evaluation_table(titles[who], {case: flown[who] for case, flown in results.items()})
         for who in next(iter(results.values()))
     ]

@@ -165,7 +165,7 @@ def test_baselines_fly_the_same_cases_alone_and_with_the_shield(capsys):
     assert cli.main([*arguments, "--baselines", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result.keys() >= EVALUATION_KEYS
-    assert result["baselines"].keys() == {"straight", "planner", "potential field"}
+    assert result["baselines"].keys() == {"straight", "planner", "potential_field"}
     assert result["straight_completion_rate"] < 1.0
     for flown in result["baselines"].values():
         assert flown["alone"].keys() == EVALUATION_KEYS - {"straight_completion_rate"}
