@@ -6,7 +6,7 @@ starts the program.
 """
 
 from companion.positions import Positions
-from companion.preflight import target_problem
+from companion.preflight import target_problem, target_warning
 from companion.vehicle import CommandAnswer, CommandKind, OperatorCommand, Verdict
 from companion.world.maps import Map
 
@@ -14,15 +14,19 @@ from companion.world.maps import Map
 class Commands:
     """Judges commands and keeps what they ask for until the loop takes it."""
 
-    def __init__(self, city: Map, positions: Positions, *, target_given: bool) -> None:
+    def __init__(
+        self, city: Map, positions: Positions, *, target_given: bool, margin_m: float
+    ) -> None:
         """Judge for one run.
 
         Args:
             city: The map that a target must lie on.
             positions: Where a new target is set.
             target_given: Whether the target was given at the start; then nobody may change it.
+            margin_m: What the shield keeps.
         """
         self._map, self._positions, self._target_given = city, positions, target_given
+        self._margin_m = margin_m
         self._target_changed = False
         self.paused_by = ""
         """Who has paused us; empty when nobody."""
@@ -49,9 +53,9 @@ class Commands:
         place = self._positions.on_map(command.position)
         if place is None:
             return CommandAnswer(Verdict.NOT_NOW, "map and earth are not tied yet")
-        problem = target_problem(self._map, place)
+        problem = target_problem(self._map, place, self._margin_m)
         if problem:
             return CommandAnswer(Verdict.DENIED, problem)
         self._positions.track.set_static(place)
         self._target_changed = True
-        return CommandAnswer(Verdict.ACCEPTED)
+        return CommandAnswer(Verdict.ACCEPTED, target_warning(self._map, place, self._margin_m))

@@ -16,6 +16,7 @@ from companion.commands import Commands
 from companion.guidance.envelope import Envelope
 from companion.guidance.guidance import Proposal, propose
 from companion.guidance.guide import Guide
+from companion.guidance.limits import ARRIVAL_RADIUS_M
 from companion.guidance.reasons import Reason
 from companion.guidance.shield import Shield, ShieldDecision
 from companion.guidance.situation import Directive, Outcome, Phase, Plan, Situation, Stream
@@ -42,8 +43,6 @@ from companion.world.maps import Map
 from companion.world.neighbourhood import Neighbourhood
 
 HEARTBEAT_PERIOD_S = 1.0
-ARRIVAL_RADIUS_M = 5.0
-"""PAPER E9: the paper gives no radius; its text admits a lack of precision."""
 MOVING_TARGET_MPS = 0.2
 ABANDON_S = 2.0
 ON_TIME_S = 0.005
@@ -133,7 +132,12 @@ class Flight:
         self._announcer = Announcer(
             vehicle, record, start_s=self._session_start_s, silent=mission.plan.shadow
         )
-        self._commands = Commands(mission.map, self._positions, target_given=mission.target.given)
+        self._commands = Commands(
+            mission.map,
+            self._positions,
+            target_given=mission.target.given,
+            margin_m=shield.limits.margin_m,
+        )
         vehicle.judge_commands(self._commands.judge)
 
     def run(self) -> Summary:

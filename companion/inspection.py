@@ -20,7 +20,14 @@ from companion.link.opening import connect
 from companion.link.vehicle import MavlinkVehicle
 from companion.mock_process import link_url
 from companion.positions import Pose, Positions, TargetSource, loose_tie
-from companion.preflight import refusal, target_problem, unhealthy, untimely, waiting_for
+from companion.preflight import (
+    refusal,
+    target_problem,
+    target_warning,
+    unhealthy,
+    untimely,
+    waiting_for,
+)
 from companion.vehicle import EventKind, SystemStatus, VehicleEvent, VehicleState
 from companion.world.frames import GeoPoint
 from companion.world.maps import Map, load_map
@@ -165,7 +172,10 @@ def _judge(
         go=not reasons,
         reasons=reasons,
         exit_code=RefusedError.exit_code if reasons else 0,
-        warnings=_warnings(city, cap.words if cap.exceeds else "", failsafe.assumed, residual_m),
+        warnings=[
+            *_near_obstacles(config, city, heard.target),
+            *_warnings(city, cap.words if cap.exceeds else "", failsafe.assumed, residual_m),
+        ],
         link=url,
         system_id=info.system_id,
         autopilot=info.autopilot,
@@ -222,7 +232,7 @@ def _reasons(
         city, heard.pose, heard.target, takeoff_m=config.takeoff, margin_m=config.margin
     )
     if heard.pose is None and heard.source.position_enu_m is not None:
-        refused = target_problem(city, heard.source.position_enu_m)
+        refused = target_problem(city, heard.source.position_enu_m, config.margin)
     reasons = [missing, refused, loose_tie(residual_m)]
     if heard.state is not None:
         reasons += [untimely(rate_hz, heard.position_age_max_s), *unhealthy(heard.state)]
@@ -235,6 +245,17 @@ def _reasons(
     }
     reasons += {event.text for event in heard.events if event.kind is EventKind.REBOOT}
     return [reason for reason in reasons if reason]
+
+
+def _near_obstacles(config: PreflightConfig, city: Map, target: TargetEstimate) -> list[str]:
+    """Return that a target which stands still can be flown to, but not quite."""
+    place = target.position_enu_m
+    if place is None or target.velocity_enu_mps.any():
+        return []
+    if target_problem(city, place, config.margin):
+        return []
+    warning = target_warning(city, place, config.margin)
+    return [warning] if warning else []
 
 
 def _warnings(

@@ -13,7 +13,7 @@ from companion.guidance.situation import Outcome, Plan
 from companion.link.vehicle import MavlinkVehicle
 from companion.policy.actor import Actor
 from companion.positions import TargetSource
-from companion.preflight import target_problem
+from companion.preflight import target_problem, target_warning
 from companion.session.records import Event, Record
 from companion.session.summary import Summary
 from companion.vehicle import RequestKind, Severity
@@ -43,9 +43,13 @@ def load_files(config: RunConfig) -> tuple[Map, Actor]:
     actor = Actor.load(config.actor)
     actor.check_fits(city, config.v_max)
     target_enu_m = config.target_enu_m()
-    problem = "" if target_enu_m is None else target_problem(city, target_enu_m)
-    if problem:
-        raise RefusedError(problem)
+    if target_enu_m is not None:
+        problem = target_problem(city, target_enu_m, config.margin)
+        if problem:
+            raise RefusedError(problem)
+        warning = target_warning(city, target_enu_m, config.margin)
+        if warning:
+            _LOG.warning("%s", warning)
     if city.origin is None and city.launch_enu_m is None:
         raise RefusedError(f"map {city.name} has neither origin nor launch_m: it cannot be flown")
     return city, actor

@@ -3,7 +3,8 @@
 import numpy as np
 
 from companion.arrays import FloatArray
-from companion.guidance.limits import BATTERY_ENGAGE, POSITION_STALE_SOFT_S
+from companion.guidance.limits import ARRIVAL_RADIUS_M, BATTERY_ENGAGE, POSITION_STALE_SOFT_S
+from companion.guidance.shield import ShieldLimits
 from companion.guidance.target import TargetEstimate
 from companion.positions import Pose, TargetSource
 from companion.vehicle import SystemStatus, VehicleState
@@ -14,6 +15,20 @@ POSITION_MIN_HZ = 10.0
 """Two positions may be lost before ``POSITION_STALE_SOFT_S`` is over."""
 _ON_GROUND_M = 0.5
 """A vehicle on the ground reads a little above or below it."""
+_STEP_M = 0.5
+"""Between the places that are looked at round a target inside the margin."""
+
+
+def _around() -> FloatArray:
+    """Return the offsets of places round a target that count as arrived, the nearest first."""
+    steps_m = np.arange(-ARRIVAL_RADIUS_M, ARRIVAL_RADIUS_M + _STEP_M, _STEP_M)
+    offset_m = np.stack(np.meshgrid(steps_m, steps_m, steps_m), axis=-1).reshape(-1, 3)
+    distance_m = np.sqrt(np.square(offset_m).sum(axis=1))
+    order = distance_m.argsort(kind="stable")
+    return np.asarray(offset_m[order][distance_m[order] < ARRIVAL_RADIUS_M - _STEP_M])
+
+
+_AROUND_M = _around()
 
 
 def waiting_for(
@@ -64,11 +79,11 @@ def refusal(
                 f"{margin_m:g} m to an obstacle or the edge of map {city.name}"
             )
     if target.position_enu_m is not None and not target.velocity_enu_mps.any():
-        return target_problem(city, target.position_enu_m)
+        return target_problem(city, target.position_enu_m, margin_m)
     return ""
 
 
-def target_problem(city: Map, position_enu_m: FloatArray) -> str:
+def target_problem(city: Map, position_enu_m: FloatArray, margin_m: float) -> str:
     """Return why a static target cannot be flown to."""
     if not city.contains(position_enu_m):
         size = " x ".join(f"{side:g}" for side in city.size_m)
@@ -76,7 +91,38 @@ def target_problem(city: Map, position_enu_m: FloatArray) -> str:
     if not city.is_free(position_enu_m):
         where = _obstacle_at(city, position_enu_m)
         return f"target {words(position_enu_m)} is inside {where} of map {city.name}"
+    if _nearest_m(city, position_enu_m, margin_m) is None:
+        return (
+            f"target {words(position_enu_m)} is out of reach: nowhere within "
+            f"{ARRIVAL_RADIUS_M:g} m of it does the shield keep its --margin of {margin_m:g} m"
+        )
     return ""
+
+
+def target_warning(city: Map, position_enu_m: FloatArray, margin_m: float) -> str:
+    """Return what a pilot should know of a static target that can be flown to."""
+    nearest_m = _nearest_m(city, position_enu_m, margin_m)
+    if not nearest_m:
+        return ""
+    return (
+        f"target {words(position_enu_m)} lies inside the shield's margin of {margin_m:g} m: the "
+        f"vehicle comes no nearer to it than {nearest_m:.1f} m"
+    )
+
+
+def _nearest_m(city: Map, target_enu_m: FloatArray, margin_m: float) -> float | None:
+    """Return how near to a target the shield lets a vehicle come, to half a metre.
+
+    ``None`` where that is not near enough to arrive.
+    """
+    margins_m = np.array([margin_m, margin_m, ShieldLimits().min_height_m])
+    for offset_m in (_AROUND_M[:1], _AROUND_M):  # most targets lie free
+        place_m = target_enu_m + offset_m
+        free = city.is_free(place_m, margin_m) & np.all(place_m >= margins_m, axis=1)
+        free &= np.all(place_m <= city.size_m - margin_m, axis=1)
+        if free.any():
+            return float(np.linalg.norm(offset_m[free.argmax()]))
+    return None
 
 
 def unhealthy(state: VehicleState) -> list[str]:

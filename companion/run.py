@@ -16,8 +16,8 @@ import msgspec
 from companion import clock
 from companion.computer import ComputerProbe
 from companion.config import RunConfig
-from companion.control import ARRIVAL_RADIUS_M
 from companion.errors import UsageError
+from companion.guidance.limits import ARRIVAL_RADIUS_M
 from companion.journal import Journal, JournaledTransport
 from companion.launch import CONNECT_TIMEOUT_S, fly, load_files, speed_cap, target_sysids
 from companion.link.opening import connect

@@ -120,6 +120,16 @@ def test_a_table_that_fits_eighty_columns_and_says_go():
     assert "agree within 0.0" in flat
 
 
+def test_a_target_inside_the_margin_is_told_or_refused():
+    beside_obs1 = ("--connect", "mock:px4", "--map", "env1", "--target", "11.5,68,30")
+    seen = inspected(*beside_obs1)
+    assert seen["go"]
+    assert "comes no nearer to it than 2.0 m" in seen["warnings"][0]
+    seen = inspected(*beside_obs1, "--margin", "8")
+    assert not seen["go"]
+    assert "out of reach" in seen["reasons"][0]
+
+
 def test_nothing_leaves_but_heartbeats_and_requests_for_data(wire):
     between = wire("--map", "zurich")
     seen = inspected(

@@ -288,6 +288,11 @@ def test_port_in_use(run, constant_actor):
         (["--connect", "mock:px4", "--actor", "nobody"], 5, "nobody"),
         (["--connect", "mock:px4", "--map", "env1", "--target", "50,48,20"], 5, "obs2"),
         (["--connect", "mock:px4", "--map", "env1", "--target", "50,480,20"], 5, "outside"),
+        (
+            ["--connect", "mock:px4", "--map", "env1", "--target", "11,68,9", "--margin", "8"],
+            5,
+            "reach",
+        ),
         (["--connect", "mock:px4", "--target", "50,48"], 2, "--target"),
         (["--connect", "mock:px4", "--v-max", "90"], 2, "--v-max"),
     ],

@@ -51,7 +51,7 @@ def reposition(enu_m):
 )
 def test_a_target_is_accepted_only_where_it_can_be_flown_to(enu_m, verdict, words):
     positions = tied()
-    commands = Commands(ENV1, positions, target_given=False)
+    commands = Commands(ENV1, positions, target_given=False, margin_m=2.0)
     answer = commands.judge(reposition(enu_m))
     assert answer.verdict is verdict
     assert words in answer.words
@@ -67,17 +67,17 @@ def test_a_target_is_accepted_only_where_it_can_be_flown_to(enu_m, verdict, word
 
 def test_a_target_given_at_the_start_stays():
     source = TargetSource(np.array([10.0, 10.0, 5.0]))
-    commands = Commands(ENV1, tied(source), target_given=True)
+    commands = Commands(ENV1, tied(source), target_given=True, margin_m=2.0)
     assert commands.judge(reposition((90.0, 10.0, 6.0))).verdict is Verdict.DENIED
 
 
 def test_before_the_map_is_tied_a_target_has_to_wait():
-    commands = Commands(ENV1, Positions(ENV1, TargetSource()), target_given=False)
+    commands = Commands(ENV1, Positions(ENV1, TargetSource()), target_given=False, margin_m=2.0)
     assert commands.judge(reposition((90.0, 10.0, 6.0))).verdict is Verdict.NOT_NOW
 
 
 def test_a_pause_is_for_good():
-    commands = Commands(ENV1, tied(), target_given=False)
+    commands = Commands(ENV1, tied(), target_given=False, margin_m=2.0)
     assert commands.judge(OperatorCommand(CommandKind.CONTINUE, "1/1")).verdict is Verdict.ACCEPTED
     assert commands.judge(OperatorCommand(CommandKind.PAUSE, "255/190")).verdict is Verdict.ACCEPTED
     assert commands.judge(OperatorCommand(CommandKind.PAUSE, "7/190")).verdict is Verdict.ACCEPTED

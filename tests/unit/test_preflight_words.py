@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from companion.positions import loose_tie
-from companion.preflight import unhealthy, untimely
+from companion.preflight import target_problem, target_warning, unhealthy, untimely
 from companion.vehicle import FlightMode, LandedState, SystemStatus, VehicleState
+from companion.world.maps import load_map
+
+ENV1 = load_map("env1")  # obs1 stands from 12 to 28 m east, 60 to 76 m north, 60 m high
 
 
 def state(**changes):
@@ -53,3 +56,28 @@ def test_positions_must_come_often_and_fresh():
 def test_local_and_global_position_must_agree():
     assert loose_tie(None) == loose_tie(1.0) == ""
     assert "1.1 m apart" in loose_tie(1.1)
+
+
+@pytest.mark.parametrize(
+    ("target", "margin_m", "problem", "warning"),
+    [
+        ((8.0, 68.0, 30.0), 2.0, "", ""),
+        ((11.5, 68.0, 30.0), 2.0, "", "no nearer to it than 2.0 m"),
+        ((11.5, 68.0, 30.0), 0.4, "", ""),
+        ((11.5, 68.0, 30.0), 8.0, "out of reach", None),  # the other side is the edge of the map
+        ((20.0, 68.0, 60.5), 2.0, "", "no nearer to it than 2.0 m"),
+        ((60.0, 20.0, 0.0), 2.0, "", "no nearer to it than 2.0 m"),
+        ((60.0, 20.0, 99.0), 2.0, "", "no nearer to it than 1.0 m"),
+        ((20.0, 68.0, 30.0), 2.0, "inside obstacle obs1", None),
+        ((20.0, 68.0, 130.0), 2.0, "outside map", None),
+    ],
+)
+def test_a_target_inside_the_margin(target, margin_m, problem, warning):
+    place = np.array(target)
+    found = target_problem(ENV1, place, margin_m)
+    assert problem in found
+    assert bool(problem) == bool(found)
+    if warning is not None:
+        said = target_warning(ENV1, place, margin_m)
+        assert warning in said
+        assert bool(warning) == bool(said)
