@@ -50,13 +50,11 @@ def write_log_recording(
     stream.send_property("map", rr.AnyValues(name=start.map.name))
     writer = StreamWriter(stream, start.start_utc_us)
     scene.draw_map(stream, start.map)
-    for part in (
-        Moving(writer, start),
-        Plan(writer, start),
-        EarthView(writer, start),
-        Plots(writer, start),
-    ):
+    paths = Moving(writer, start), Plan(writer, start)
+    for part in (*paths, EarthView(writer, start), Plots(writer, start)):
         part.send(ticks)
+    for part in paths:
+        part.finish()
     for name, changes in bands.items():
         StateBand(writer, f"state/{name.replace(' ', '_')}").send(changes)
     send_events(writer, events)

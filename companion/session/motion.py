@@ -13,7 +13,8 @@ from companion.session import colors
 from companion.session.colors import Color
 from companion.session.records import SessionStart, Tick
 
-_SEGMENT_M = 0.4  # of the path; shorter pieces would only make the recording larger
+_STEP_M = 0.4  # between two points of a path; nearer ones would only make the recording larger
+_PIECE_S = 1.0
 _COURSE_TIME_S = 1.5  # the chase camera turns that slowly
 _FAR_MARGINS = 4.0  # of clearance beyond the margin: blue
 _COURSE_SPEED_MPS = 0.5  # below it the course is noise
@@ -75,34 +76,51 @@ class Course:
 
 
 @dataclass(frozen=True, slots=True)
-class Segment:
-    """A straight piece of a path."""
+class Piece:
+    """A piece of a path, of one colour."""
 
     time_s: float
     """When its end was reached."""
-    start_m: list[float]
-    end_m: list[float]
+    points_m: list[list[float]]
     color: Color
 
 
 @dataclass
 class Path:
-    """A path in pieces that are long enough to matter and of one colour each."""
+    """A path in pieces of a second or so: the viewer takes its time for each of them, always."""
 
-    _last_m: list[float] | None = None
-    _last_color: Color | None = None
+    _points_m: list[list[float]] = field(default_factory=list)
+    _begun_s: float = 0.0
+    _time_s: float = 0.0
+    _color: Color | None = None
+    _other: Color | None = None
+    """A colour seen since the last point."""
 
-    def extend(self, time_s: float, position_m: list[float], color: Color) -> Segment | None:
-        """Go on to ``position_m``; return the next piece when it is complete."""
-        if self._last_m is None:
-            self._last_m, self._last_color = position_m, color
+    def extend(self, time_s: float, position_m: list[float], color: Color) -> Piece | None:
+        """Go on to ``position_m``; return the piece that ends before it, if one does."""
+        if not self._points_m:
+            self._points_m, self._color = [position_m], color
+            self._begun_s = self._time_s = time_s
             return None
-        moved_m = np.linalg.norm(np.subtract(position_m, self._last_m))
-        if moved_m < _SEGMENT_M and not (color != self._last_color and moved_m > 0.0):
+        if color != self._color:
+            self._other = color
+        if np.linalg.norm(np.subtract(position_m, self._points_m[-1])) < _STEP_M:
             return None
-        segment = Segment(time_s, self._last_m, position_m, color)
-        self._last_m, self._last_color = position_m, color
-        return segment
+        piece = None
+        color, self._other = self._other or color, None
+        if color != self._color or time_s - self._begun_s > _PIECE_S:
+            piece = self.finish()
+            self._begun_s, self._color = self._time_s, color
+        self._points_m.append(position_m)
+        self._time_s = time_s
+        return piece
+
+    def finish(self) -> Piece | None:
+        """Return what is there of the last piece, and begin the next at its end."""
+        points_m, self._points_m = self._points_m, self._points_m[-1:]
+        if len(points_m) < 2 or self._color is None:
+            return None
+        return Piece(self._time_s, points_m, self._color)
 
 
 def path_color(tick: Tick, margin_m: float) -> Color:

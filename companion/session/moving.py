@@ -70,6 +70,11 @@ class Moving:
                 "target", [(tick, tick.target_enu_m, colors.TARGET) for tick in targeted]
             )
 
+    def finish(self) -> None:
+        """Send the ends of the paths."""
+        for name, path in self._paths.items():
+            self._send_pieces(name, [path.finish()])
+
     def _send_vehicle(self, ticks: Sequence[Tick]) -> None:
         if "vehicle" not in self._shown:
             self._shown.add("vehicle")
@@ -144,17 +149,20 @@ class Moving:
         self, name: str, steps: Sequence[tuple[Tick, list[float] | None, Color]]
     ) -> None:
         path = self._paths[name]
-        pieces = [
-            path.extend(tick.time_s, position_m, color)
-            for tick, position_m, color in steps
-            if position_m is not None
-        ]
-        segments = [piece for piece in pieces if piece is not None]
-        if segments:
+        self._send_pieces(
+            name,
+            [
+                path.extend(tick.time_s, position_m, color)
+                for tick, position_m, color in steps
+                if position_m is not None
+            ],
+        )
+
+    def _send_pieces(self, name: str, found: Sequence[motion.Piece | None]) -> None:
+        pieces = [piece for piece in found if piece is not None]
+        if pieces:
             columns = rr.LineStrips3D.columns(
-                strips=[[segment.start_m, segment.end_m] for segment in segments],
-                colors=np.array([colors.packed(segment.color) for segment in segments], np.uint32),
+                strips=[piece.points_m for piece in pieces],
+                colors=np.array([colors.packed(piece.color) for piece in pieces], np.uint32),
             )
-            self._writer.columns(
-                f"world/path/{name}", [segment.time_s for segment in segments], columns
-            )
+            self._writer.columns(f"world/path/{name}", [piece.time_s for piece in pieces], columns)

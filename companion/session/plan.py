@@ -58,6 +58,11 @@ class Plan:
             "target", [(tick.time_s, tick.target_enu_m, colors.TARGET) for tick in targeted]
         )
 
+    def finish(self) -> None:
+        """Send the ends of the paths."""
+        for name, path in self._paths.items():
+            self._send_pieces(name, [path.finish()])
+
     def _send_place(self, name: str, places: Sequence[tuple[float, list[float] | None]]) -> None:
         if places:
             positions = _on_plan(motion.vectors([position_m for _, position_m in places]))
@@ -68,15 +73,18 @@ class Plan:
         self, name: str, steps: Sequence[tuple[float, list[float] | None, Color]]
     ) -> None:
         path = self._paths[name]
-        pieces = [path.extend(time_s, at_m, color) for time_s, at_m, color in steps if at_m]
-        segments = [piece for piece in pieces if piece is not None]
-        if segments:
-            ends_m = motion.vectors([m for piece in segments for m in (piece.start_m, piece.end_m)])
+        self._send_pieces(
+            name, [path.extend(time_s, at_m, color) for time_s, at_m, color in steps if at_m]
+        )
+
+    def _send_pieces(self, name: str, found: Sequence[motion.Piece | None]) -> None:
+        pieces = [piece for piece in found if piece is not None]
+        if pieces:
             columns = rr.LineStrips2D.columns(
-                strips=list(_on_plan(ends_m).reshape(-1, 2, 2)),
-                colors=np.array([colors.packed(piece.color) for piece in segments], np.uint32),
+                strips=[_on_plan(motion.vectors(piece.points_m)) for piece in pieces],
+                colors=np.array([colors.packed(piece.color) for piece in pieces], np.uint32),
             )
-            times_s = [piece.time_s for piece in segments]
+            times_s = [piece.time_s for piece in pieces]
             self._writer.columns(f"plan/path/{name}", times_s, columns)
 
 

@@ -99,9 +99,9 @@ class SessionLog:
         )
         scene.draw_map(stream, start.map)
         writer = self._writer
+        self._paths = Moving(writer, start), Plan(writer, start)
         self._parts = (
-            Moving(writer, start),
-            Plan(writer, start),
+            *self._paths,
             EarthView(writer, start),
             Plots(writer, start),
             Bands(writer),
@@ -137,6 +137,8 @@ class SessionLog:
 
     def close(self) -> None:
         """Finish the stream."""
+        for part in self._paths:
+            part.finish()
         with contextlib.suppress(RuntimeError):  # a viewer that reads no more must not hold us
             self._stream.flush(timeout_sec=_FLUSH_S)
         self._stream.disconnect()

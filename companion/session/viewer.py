@@ -92,7 +92,8 @@ def optimize(recording: Path, rewritten: Path) -> bool:
         Whether ``rewritten`` was written; ``recording`` stays as it is.
     """
     try:
-        command = [str(viewer_binary()), "rrd", "optimize", str(recording), "-o", str(rewritten)]
+        command = [str(viewer_binary()), "rrd", "optimize", "--profile", "live", str(recording)]
+        command += ["-o", str(rewritten)]
         subprocess.run(command, check=True, capture_output=True, timeout=_OPTIMIZE_S)
     except (CompanionError, OSError, subprocess.SubprocessError):
         rewritten.unlink(missing_ok=True)

@@ -85,7 +85,7 @@ def second(number, rng):
                 safe_enu_mps=(velocity + rng.normal(0.0, 0.2, 3)).tolist(),
                 clearance_m=float(CITY.obstacles.signed_distance_m(place)),
                 distance_m=float(np.linalg.norm(target - place)),
-                intervened=bool(rng.random() < 0.1),
+                intervened=number % 20 < 2,
                 shield_reason="obstacle" if number % 60 == 0 else "",
                 supervisor="engaged",
                 mode="OFFBOARD",

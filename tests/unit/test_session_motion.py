@@ -67,14 +67,24 @@ def test_the_course_is_the_nose_until_the_vehicle_moves():
 def test_a_path_has_no_gaps_and_no_crumbs():
     path = Path()
     positions_m = [[0.1 * index, 0.0, 5.0] for index in range(100)]
-    pieces = [
-        path.extend(float(i), position, colors.SENT) for i, position in enumerate(positions_m)
-    ]
-    segments = [piece for piece in pieces if piece is not None]
-    assert 15 < len(segments) < 30
-    assert segments[0].start_m == positions_m[0]
-    for before, after in itertools.pairwise(segments):
-        assert before.end_m == after.start_m
+    pieces = [path.extend(0.05 * i, at_m, colors.SENT) for i, at_m in enumerate(positions_m)]
+    pieces = [piece for piece in [*pieces, path.finish()] if piece is not None]
+    assert 4 <= len(pieces) <= 6
+    assert pieces[0].points_m[0] == positions_m[0]
+    assert all(len(piece.points_m) <= 7 for piece in pieces)
+    for before, after in itertools.pairwise(pieces):
+        assert before.points_m[-1] == after.points_m[0]
+        assert before.time_s < after.time_s
+
+
+def test_the_colour_of_a_path_changes_where_it_changed():
+    path = Path()
+    shades = [colors.MEASURED] * 20 + [colors.SHIELDED] + [colors.MEASURED] * 20
+    pieces = [path.extend(0.05 * i, [0.25 * i, 0.0, 5.0], c) for i, c in enumerate(shades)]
+    pieces = [piece for piece in [*pieces, path.finish()] if piece is not None]
+    (orange,) = (piece for piece in pieces if piece.color == colors.SHIELDED)
+    assert orange.points_m[0][0] == pytest.approx(4.5)  # a tick long, but seen
+    assert orange.points_m[-1][0] == pytest.approx(5.0)
 
 
 def test_a_vehicle_that_hovers_draws_nothing():
