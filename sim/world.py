@@ -151,7 +151,7 @@ class CityWorld:
             if self.target_motion is TargetMotion.MOVING
             else TargetPaths.resting(self._target_enu_m)
         )
-        self.reset()
+        self._begin(self._terrain.all_worlds)
 
     @property
     def position_enu_m(self) -> FloatArray:
@@ -176,7 +176,8 @@ class CityWorld:
     @property
     def aim_enu_m(self) -> FloatArray:
         """What angles are measured from and the view is turned to: the way's aim, or the target."""
-        return self._target_enu_m if self._ahead is None else self._ahead.aim_enu_m
+        ahead = self._way_ahead()
+        return self._target_enu_m if ahead is None else ahead.aim_enu_m
 
     def map_of(self, world: int) -> Map:
         """Return the map that one of the worlds lies on."""
@@ -199,7 +200,8 @@ class CityWorld:
         worlds = self._terrain.all_worlds
         self._motion.start(worlds, start_enu_m, self.dynamics, self._rng)
         self._paths = paths
-        return self._open(worlds, start_enu_m, paths)
+        self._open(worlds, start_enu_m, paths)
+        return self._first_look(worlds)
 
     def step(self, action: npt.NDArray[np.floating]) -> StepResult:
         """Advance every world by one step of ``dt_s``.
@@ -349,9 +351,10 @@ class CityWorld:
         taken._paths = self._paths.take(worlds)
         taken._episodes = self._episodes.take(worlds)
         taken._target_enu_m = self._target_enu_m[worlds]
-        if self._guides is not None and self._ahead is not None:
+        ahead = self._way_ahead()
+        if self._guides is not None and ahead is not None:
             taken._guides = self._guides.take(worlds)
-            taken._ahead = self._ahead.take(worlds)
+            taken._ahead = ahead.take(worlds)
         return taken
 
     def state_dict(self) -> dict[str, Any]:
@@ -386,6 +389,7 @@ class CityWorld:
         return self._observe()
 
     def _arrays(self) -> dict[str, npt.NDArray[Any]]:
+        self._way_ahead()
         return {
             **{f.name: getattr(self._motion, f.name) for f in fields(Motion)},
             "target_enu_m": self._target_enu_m,
@@ -412,6 +416,11 @@ class CityWorld:
 
     def _restart(self, worlds: IntArray) -> Float32Array:
         """Open new episodes in ``worlds`` and return their observations."""
+        self._begin(worlds)
+        return self._first_look(worlds)
+
+    def _begin(self, worlds: IntArray) -> None:
+        """Draw new episodes for ``worlds``; the ways to their targets are not found yet."""
         under = self._terrain.under
         start_enu_m = sample_free_under(under, self._rng, worlds, margin_m=self.start_margin_m)
         self._motion.start(worlds, start_enu_m, self.dynamics, self._rng)
@@ -423,21 +432,29 @@ class CityWorld:
         else:
             paths = TargetPaths.resting(sample_free_under(under, self._rng, worlds))
         self._paths.put(worlds, paths)
-        return self._open(worlds, start_enu_m, paths)
+        self._open(worlds, start_enu_m, paths)
 
-    def _open(self, worlds: IntArray, start_enu_m: FloatArray, paths: TargetPaths) -> Float32Array:
-        """Open the books of episodes that have been put in place; return their observations."""
-        under = self._terrain.under
+    def _open(self, worlds: IntArray, start_enu_m: FloatArray, paths: TargetPaths) -> None:
+        """Open the books of episodes that have been put in place."""
         self._target_enu_m[worlds] = paths.vertex_enu_m[:, 0]
         self._episodes.start(worlds, _length(self._target_enu_m[worlds] - start_enu_m))
+
+    def _first_look(self, worlds: IntArray) -> Float32Array:
+        """Return the observations of episodes that have just been opened."""
         return build_observation(
             self.layout,
             position_enu_m=self._motion.estimate_enu_m[worlds],
             velocity_enu_mps=self._motion.velocity_enu_mps[worlds],
             target_enu_m=self._target_enu_m[worlds],
-            map=under(worlds),
+            map=self._terrain.under(worlds),
             ahead=self._look_ahead_from(worlds),
         )
+
+    def _way_ahead(self) -> WayAhead | None:
+        """Return the way ahead as last seen; found here for episodes that nobody has looked at."""
+        if self._ahead is None:
+            self._look_ahead_from(self._terrain.all_worlds)
+        return self._ahead
 
     def _look_ahead_from(self, worlds: IntArray) -> WayAhead | None:
         """Return the way ahead of worlds that have just been restarted, and note it."""
