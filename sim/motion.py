@@ -125,8 +125,12 @@ class Motion:
         *,
         dt_s: float,
         rng: np.random.Generator,
+        acceleration_max_mps2: FloatArray | None = None,
     ) -> None:
-        """Let every vehicle follow its setpoint along one chord of ``dt_s``."""
+        """Let every vehicle follow its setpoint along one chord of ``dt_s``.
+
+        ``acceleration_max_mps2``, ``(N,)``, stands in for the lag's own limit.
+        """
         gust_enu_mps = self.gust_enu_mps
         if dynamics.vertical is not None:
             setpoint_enu_mps = dynamics.vertical.within(setpoint_enu_mps)
@@ -136,6 +140,7 @@ class Motion:
             lag,
             dt_s=dt_s,
             time_constant_s=self.time_constant_s,
+            acceleration_max_mps2=acceleration_max_mps2,
         )
         self.position_enu_m = clip_to_box(
             self.position_enu_m + chord_enu_m + gust_enu_mps * dt_s, size_m

@@ -27,6 +27,7 @@ from companion.world.maps import Map
 from companion.world.way_ahead import WayAhead
 from sim.episodes import EpisodeEnd, Episodes
 from sim.guides import Guides, Surveyor
+from sim.imperfections import Flown, Imperfections
 from sim.motion import Dynamics, Motion, crossed_m
 from sim.reward import Reward
 from sim.sampling import sample_free_under
@@ -62,6 +63,7 @@ class CityWorld:
             ``dt_s = rho_max * edge_m / v_max_mps``.
         step_s: Another step time, for a vehicle with a lag that is asked more often.
         dynamics: How the vehicles move; by default as the paper's kinematic point.
+        imperfections: Of vehicles with a lag and of their links; by default none.
         targets_per_map: Draw static targets from a pool of so many for each map, with the ways
             to them found beforehand; for layouts that show the way.
         surveyor: Remembers ways for other worlds with the same cases.
@@ -91,6 +93,7 @@ class CityWorld:
         v_max_mps: float = 5.0,
         step_s: float | None = None,
         dynamics: Dynamics | None = None,
+        imperfections: Imperfections | None = None,
         targets_per_map: int | None = None,
         surveyor: Surveyor | None = None,
     ) -> None:
@@ -111,6 +114,8 @@ class CityWorld:
         self.dynamics = Dynamics() if dynamics is None else dynamics
         if step_s is not None and not (self.dynamics.lag is not None and step_s > 0.0):
             raise ValueError(f"step_s must be positive and needs a lag, got {step_s}")
+        if imperfections is not None and self.dynamics.lag is None:
+            raise ValueError("imperfections need a lag: the kinematic point knows none of them")
         self.reward = Reward() if reward is None else reward
         if targets_per_map is not None and TargetMotion(target_motion) is TargetMotion.MOVING:
             raise ValueError("targets_per_map is for static targets")
@@ -135,6 +140,9 @@ class CityWorld:
         self._rng = rng
         self._episodes = Episodes.unstarted(num_worlds)
         self._motion = Motion.at_rest(num_worlds)
+        self._flown: Flown | None = None
+        if imperfections is not None:
+            self._flown = Flown(imperfections, num_worlds, rng.spawn(1)[0], dt_s=self.dt_s)
         self._guides: Guides | None = None
         self._ahead: WayAhead | None = None
         if layout.shows_way:
@@ -161,12 +169,22 @@ class CityWorld:
     @property
     def estimate_enu_m(self) -> FloatArray:
         """Where the vehicles believe they are, noise and all; a copy, ``(N, 3)``."""
-        return self._motion.estimate_enu_m
+        return self._motion.estimate_enu_m if self._flown is None else self._flown.position_enu_m
 
     @property
     def velocity_enu_mps(self) -> FloatArray:
-        """How fast the vehicles are now, after any reset; a copy, ``(N, 3)``."""
-        return self._motion.velocity_enu_mps.copy()
+        """How fast the vehicles are now, as far as is known; a copy, ``(N, 3)``."""
+        return self._measured_enu_mps.copy()
+
+    @property
+    def _measured_enu_mps(self) -> FloatArray:
+        return (
+            self._motion.velocity_enu_mps if self._flown is None else self._flown.velocity_enu_mps
+        )
+
+    @property
+    def _known_target_enu_m(self) -> FloatArray:
+        return self._target_enu_m if self._flown is None else self._flown.target_enu_m
 
     @property
     def target_enu_m(self) -> FloatArray:
@@ -177,7 +195,7 @@ class CityWorld:
     def aim_enu_m(self) -> FloatArray:
         """What angles are measured from and the view is turned to: the way's aim, or the target."""
         ahead = self._way_ahead()
-        return self._target_enu_m if ahead is None else ahead.aim_enu_m
+        return self._known_target_enu_m if ahead is None else ahead.aim_enu_m
 
     def map_of(self, world: int) -> Map:
         """Return the map that one of the worlds lies on."""
@@ -244,6 +262,9 @@ class CityWorld:
         dynamics, lag = self.dynamics, self.dynamics.lag
         if lag is None:
             raise ValueError("only a vehicle with a lag follows velocities")
+        flown = self._flown
+        if flown is not None:
+            setpoint_enu_mps = flown.receive(setpoint_enu_mps)
         totals = np.zeros((3, self.num_worlds))
         for _ in range(dynamics.substeps):
             start_enu_m = self._motion.position_enu_m
@@ -254,6 +275,7 @@ class CityWorld:
                 self.size_m,
                 dt_s=self.dt_s / dynamics.substeps,
                 rng=self._rng,
+                acceleration_max_mps2=None if flown is None else flown.acceleration_max_mps2,
             )
             totals += self._judged(start_enu_m)
         return self._finish(*totals)
@@ -279,9 +301,11 @@ class CityWorld:
         motion = self._motion
         distance_m = _length(self._target_enu_m - motion.position_enu_m)
         contact = crash_depth_m > 0.0
+        if self._flown is not None:
+            self._flown.look(motion.estimate_enu_m, motion.velocity_enu_mps, self._target_enu_m)
         if self._guides is not None:
-            self._guides.follow(self._target_enu_m)
-            self._ahead = self._guides.ahead(motion.estimate_enu_m, self._target_enu_m)
+            self._guides.follow(self._known_target_enu_m)
+            self._ahead = self._guides.ahead(self.estimate_enu_m, self._known_target_enu_m)
         # Who is shown the way round is paid along it: hovering before a wall pays nothing then.
         left_m = distance_m if self._ahead is None else np.maximum(distance_m, self._ahead.left_m)
         reward = self.reward.of(
@@ -348,6 +372,7 @@ class CityWorld:
         taken._terrain = self._terrain.take(worlds)
         taken._around = None if self._around is None else self._around.take(worlds)
         taken._motion = self._motion.take(worlds)
+        taken._flown = None if self._flown is None else self._flown.take(worlds)
         taken._paths = self._paths.take(worlds)
         taken._episodes = self._episodes.take(worlds)
         taken._target_enu_m = self._target_enu_m[worlds]
@@ -362,6 +387,7 @@ class CityWorld:
         return {
             "arrays": {name: array.copy() for name, array in self._arrays().items()},
             "rng": self._rng.bit_generator.state,
+            **({} if self._flown is None else {"own_rng": self._flown.rng.bit_generator.state}),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> Float32Array:
@@ -383,9 +409,11 @@ class CityWorld:
         for name, array in self._arrays().items():
             array[...] = state["arrays"][name]
         self._rng.bit_generator.state = state["rng"]
+        if self._flown is not None:
+            self._flown.rng.bit_generator.state = state["own_rng"]
         if self._guides is not None:
             self._guides.restore()
-            self._ahead = self._guides.ahead(self._motion.estimate_enu_m, self._target_enu_m)
+            self._ahead = self._guides.ahead(self.estimate_enu_m, self._known_target_enu_m)
         return self._observe()
 
     def _arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -396,6 +424,7 @@ class CityWorld:
             **{f"path_{f.name}": getattr(self._paths, f.name) for f in fields(self._paths)},
             **{f"episode_{f.name}": getattr(self._episodes, f.name) for f in fields(Episodes)},
             **({} if self._guides is None else self._guides.arrays()),
+            **({} if self._flown is None else self._flown.arrays()),
         }
 
     def _own(self) -> None:
@@ -438,14 +467,21 @@ class CityWorld:
         """Open the books of episodes that have been put in place."""
         self._target_enu_m[worlds] = paths.vertex_enu_m[:, 0]
         self._episodes.start(worlds, _length(self._target_enu_m[worlds] - start_enu_m))
+        if self._flown is not None:
+            self._flown.start(
+                worlds,
+                self._motion.estimate_enu_m[worlds],
+                self._motion.velocity_enu_mps[worlds],
+                self._target_enu_m[worlds],
+            )
 
     def _first_look(self, worlds: IntArray) -> Float32Array:
         """Return the observations of episodes that have just been opened."""
         return build_observation(
             self.layout,
-            position_enu_m=self._motion.estimate_enu_m[worlds],
-            velocity_enu_mps=self._motion.velocity_enu_mps[worlds],
-            target_enu_m=self._target_enu_m[worlds],
+            position_enu_m=self.estimate_enu_m[worlds],
+            velocity_enu_mps=self._measured_enu_mps[worlds],
+            target_enu_m=self._known_target_enu_m[worlds],
             map=self._terrain.under(worlds),
             ahead=self._look_ahead_from(worlds),
         )
@@ -460,10 +496,10 @@ class CityWorld:
         """Return the way ahead of worlds that have just been restarted, and note it."""
         if self._guides is None:
             return None
-        target_enu_m = self._target_enu_m[worlds]
+        target_enu_m = self._known_target_enu_m[worlds]
         if self._guides.pool_enu_m is None:
             self._guides.lead(worlds, target_enu_m)
-        ahead = self._guides.ahead(self._motion.estimate_enu_m[worlds], target_enu_m, worlds)
+        ahead = self._guides.ahead(self.estimate_enu_m[worlds], target_enu_m, worlds)
         if len(worlds) == self.num_worlds:
             self._ahead = ahead
         elif self._ahead is not None:
@@ -473,9 +509,9 @@ class CityWorld:
     def _observe(self) -> Float32Array:
         return build_observation(
             self.layout,
-            position_enu_m=self._motion.estimate_enu_m,
-            velocity_enu_mps=self._motion.velocity_enu_mps,
-            target_enu_m=self._target_enu_m,
+            position_enu_m=self.estimate_enu_m,
+            velocity_enu_mps=self._measured_enu_mps,
+            target_enu_m=self._known_target_enu_m,
             map=self._terrain.whole,
             ahead=self._ahead,
         )

@@ -77,6 +77,9 @@ class Evaluate:
     artificial potential field; with --shield all of them with it, too."""
     moving: bool = False
     """Let the targets move."""
+    imperfect: bool = False
+    """Fly vehicles as sluggish as recorded ones, on a poor link, at targets that waver and fall
+    silent."""
     json: bool = False
     """Print one JSON object."""
 

@@ -14,12 +14,13 @@ from companion.policy.observation import WAYS, Layout
 from companion.world.maps import Map
 from sim.edge_cases import edge_cases
 from sim.guides import Surveyor
+from sim.imperfections import RECORDED
 from sim.world import CityWorld
 from training import cli
 from training.baselines_loop import BASELINES
 from training.evaluate import Evaluation, Policy, evaluate_policy, fly_straight
 from training.evaluation_table import Flown, evaluation_table
-from training.loop import evaluate_loop
+from training.loop import Conditions, evaluate_loop
 from training.places import Place
 
 _ACTOR, _STRAIGHT = "actor", "straight"
@@ -60,6 +61,7 @@ def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float])
             "cities": options.cities,
             "seed": options.seed,
             "moving": options.moving,
+            "imperfect": options.imperfect,
             "in_the_loop": judge.in_the_loop,
             "command": typed,
         }
@@ -94,6 +96,7 @@ class _Judge:
             "--shield": options.shield,
             "--baselines": options.baselines,
             "--edge-cases": options.edge_cases,
+            "--imperfect": options.imperfect,
         }
         for option in (option for option, given in asked.items() if given):
             if not self.in_the_loop:
@@ -103,6 +106,7 @@ class _Judge:
                 )
         self._shield, self._baselines = options.shield, options.baselines
         self._surveyor = Surveyor()
+        self._conditions = Conditions(imperfections=RECORDED if options.imperfect else None)
         self._options: dict[str, Any] = {
             "seed": options.seed,
             "moving": options.moving,
@@ -142,6 +146,7 @@ class _Judge:
             v_max_mps=v_max_mps,
             episodes=cases.episodes,
             shield=shield,
+            conditions=self._conditions,
             surveyor=self._surveyor,
             begin=cases.begin,
             **self._options,

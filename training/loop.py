@@ -24,6 +24,7 @@ from companion.world.maps import Map
 from sim.dynamics import Disturbance, VelocityLag, VerticalLimits
 from sim.episodes import EpisodeEnd
 from sim.guides import Surveyor
+from sim.imperfections import Imperfections
 from sim.motion import Dynamics
 from sim.world import CityWorld
 from training.evaluate import ARRIVAL_RADIUS_M, Evaluation, Policy, summarise
@@ -56,6 +57,8 @@ class Conditions:
     reckons with."""
     start_margin_m: float = 2.0
     """Preflight refuses a take-off nearer to an obstacle than the shield's margin."""
+    imperfections: Imperfections | None = None
+    """Of vehicles and links; ``sim.imperfections.RECORDED`` is what recordings show."""
 
 
 def evaluate_loop(
@@ -178,6 +181,7 @@ def _loop_world(
         v_max_mps=v_max_mps,
         step_s=1.0 / RATE_HZ,
         dynamics=conditions.dynamics,
+        imperfections=conditions.imperfections,
         surveyor=surveyor,
     )
 

@@ -63,6 +63,10 @@ def failure(capsys, *arguments):
             "--baselines needs",
         ),
         (["evaluate", "--actor", "paper-free", "--edge-cases"], "--edge-cases needs a vehicle"),
+        (
+            ["evaluate", "--actor", "paper-free", "--map", "free", "--imperfect"],
+            "--imperfect needs a vehicle",
+        ),
         (["evaluate", "--actor", "flight", "--edge-cases", "--moving"], "of its own"),
         (["evaluate", "--actor", "flight", "--edge-cases", "--episodes", "3"], "at least 7"),
         (["train", "--map", "free", "--cities", "4"], "need one of --map and --cities"),
