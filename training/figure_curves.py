@@ -22,6 +22,7 @@ from training.figure_style import (
     save,
 )
 
+_BAND = "band from worst to best"
 _THOUSANDS = FuncFormatter(lambda value, _: f"{value / 1000:g}")
 
 
@@ -99,7 +100,7 @@ def draw_completion(
             linewidth=2.2,
             marker=marker,
             markevery=20,
-            label=f"{label}: mean of {span.seeds} seeds, band from worst to best",
+            label=label if span.seeds == 1 else f"{label}: mean of {span.seeds} seeds, {_BAND}",
         )
     _draw_levels(axes, levels)
     axes.set_xlabel("updates of the networks (thousands)")
