@@ -261,7 +261,7 @@ def test_p17_reposition_with_change_mode_leaves_offboard(as_int):
     else:
         place = (there.latitude_deg, there.longitude_deg, there.altitude_m)
         assert bench.command(REPOSITION, -1.0, 1.0, 0.0, NAN, *place) == ACCEPTED
-    bench.run(12.0, stream=bench.velocity(0.0, 2.0, 0.0))
+    bench.run(20.0, stream=bench.velocity(0.0, 2.0, 0.0))
     assert mode(bench) == 0x03040000
     last = bench.last("LOCAL_POSITION_NED")
     # A float32 latitude is good to about 0.2 m only: that is why COMMAND_INT exists.

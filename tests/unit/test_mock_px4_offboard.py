@@ -276,7 +276,7 @@ def test_p8_force_is_refused():
 def test_p9_position_leads_and_velocity_is_its_feed_forward():
     bench = flying()
     both = bench.setpoint(position=(5.0, 0.0, -10.0), velocity=(0.0, 0.0, 0.0), type_mask=0xDC0)
-    bench.run(10.0, stream=both)
+    bench.run(15.0, stream=both)
     assert bench.last("LOCAL_POSITION_NED").x == pytest.approx(5.0, abs=0.1)
 
 

@@ -1,5 +1,7 @@
 """PX4 with a pilot: sticks that take over, and manual control that is lost (P12, P13, P14)."""
 
+import math
+
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -137,3 +139,19 @@ def test_p14_a_silent_companion_is_only_mentioned():
     bench.run(1.0, stream=hover)
     assert bench.texts() == ["Connection to mission computer lost"]
     assert bench.vehicle.autopilot.mode.name == "OFFBOARD"
+
+
+def test_a_stick_is_a_push_against_a_drag_and_letting_go_brakes():
+    bench = flying()
+    bench.run(1.0, stream=sticks())
+    assert bench.command(SET_MODE, *POSCTL) == ACCEPTED
+    bench.run(3.0, stream=sticks())
+    bench.run(2.0, stream=sticks(x=900))
+    assert bench.last("LOCAL_POSITION_NED").vx == pytest.approx(3.2, abs=0.3)
+    bench.run(8.0, stream=sticks(x=900))
+    assert bench.last("LOCAL_POSITION_NED").vx == pytest.approx(7.5, abs=0.5)
+    bench.run(6.0, stream=sticks())
+    last = bench.last("LOCAL_POSITION_NED")
+    assert math.hypot(last.vx, last.vy) < 0.3
+    bench.run(3.0, stream=sticks(x=90))  # within the dead zone
+    assert math.hypot(bench.last("LOCAL_POSITION_NED").vx, last.vy) < 0.3

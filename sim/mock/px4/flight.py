@@ -8,13 +8,12 @@ from sim.mock.estimator import Estimator, subtract
 from sim.mock.parameters import Parameters
 from sim.mock.pilot import Sticks
 from sim.mock.px4.modes import Mode
+from sim.mock.px4.sticks import StickMotion, deflection
 from sim.mock.px4.trajectory import Trajectory
 from sim.mock.setpoints import Setpoint
 
 APPROACH_MPS2 = 1.5
 """Deceleration planned for when nearing a point; recorded stops are of this order."""
-STICK_EXPO, STICK_JERK_MPS3 = 0.6, 8.0
-"""MPC_XY_MAN_EXPO and MPC_JERK_MAX."""
 ERROR_MAX_M = 2.0
 """MPC_XY_ERR_MAX."""
 AUTO_CLIMB_GAIN_PER_S = 0.65
@@ -63,6 +62,7 @@ class Flight:
     _homing: bool = False
     _braking: bool = False
     _trajectory: Trajectory = field(default_factory=Trajectory)
+    _stick_motion: StickMotion = field(default_factory=StickMotion)
     _texts: list[str] = field(default_factory=list)
 
     def take_texts(self) -> list[str]:
@@ -76,6 +76,8 @@ class Flight:
         self.home_true_m = home_true_m or ZERO
         self.takeoff_done = self.landing = self._homing = False
         self._trajectory.start(self.body.position_m, self.body.velocity_mps)
+        # Not with the vehicle's own motion: PX4 goes on from the last setpoint.
+        self._stick_motion.start(self.demand.velocity_mps, self.demand.feedforward_mps2)
         self._braking = True
         north, east, down = self.body.position_m
         self.hold_true_m = (north, east, down + CLIMB_GLIDE_S * self.body.velocity_mps[2])
@@ -126,10 +128,10 @@ class Flight:
             Whether the mode wants to leave the ground, and whether it wants to sink.
         """
         demand = self._demand(setpoint, sticks)
-        if self._mode.is_auto or (self._mode is Mode.POSCTL and sticks.centred):
+        if self._mode.is_auto:
             demand.velocity_mps = self._smoothed(demand.velocity_mps, dt_s)
         elif self._mode.needs_pilot:
-            demand.velocity_mps = self._steered(demand.velocity_mps, dt_s)
+            self._steer(demand, sticks, dt_s)
         self.demand = demand
         # PX4 takes off for any climb rate, or any position above the present one.
         up = demand.velocity_mps[2] < -0.05 or demand.feedforward_mps2[2] < 0.0
@@ -192,13 +194,8 @@ class Flight:
         )
 
     def _manual(self, sticks: Sticks) -> Demand:
-        speed = self.parameters.number("MPC_VEL_MANUAL")
-        cos, sin = math.cos(self.body.yaw_rad), math.sin(self.body.yaw_rad)
-        forward, right = _expo(sticks.forward), _expo(sticks.right)
-        north = speed * (forward * cos - right * sin)
-        east = speed * (forward * sin + right * cos)
         climb = self.parameters.number("MPC_Z_VEL_MAX_UP") if sticks.up > 0.0 else 1.5
-        velocity = self._limited((north, east, -climb * sticks.up))
+        velocity = self._limited((0.0, 0.0, -climb * sticks.up))
         return Demand(velocity, yaw_rate_radps=STICK_TURN_RADPS * sticks.turn)
 
     def _advance_return(self) -> None:
@@ -287,23 +284,28 @@ class Flight:
             )
         )
 
-    def _steered(self, wanted_mps: Vector, dt_s: float) -> Vector:
-        """Follow the pilot's sticks within the limits of acceleration and jerk."""
-        self._trajectory.follow(
-            wanted_mps,
+    def _steer(self, demand: Demand, sticks: Sticks, dt_s: float) -> None:
+        """Follow the sticks over the ground, and keep the place once they ask for nothing."""
+        cos, sin = math.cos(self.body.yaw_rad), math.sin(self.body.yaw_rad)
+        forward, right = deflection(sticks.forward), deflection(sticks.right)
+        motion = self._stick_motion
+        motion.follow(
+            forward * cos - right * sin,
+            forward * sin + right * cos,
             dt_s,
+            speed_mps=self.parameters.number("MPC_VEL_MANUAL"),
             acceleration_mps2=self.parameters.number("MPC_ACC_HOR"),
-            jerk_mps3=STICK_JERK_MPS3,
         )
-        north, east, _ = self._trajectory.velocity_mps
-        self._trajectory.position_m = self.body.position_m
-        self._braking = True
-        return north, east, wanted_mps[2]
+        north, east = motion.north_mps, motion.east_mps
+        if not motion.stands:
+            self.hold_true_m = self.body.position_m
+        elif self._mode is Mode.POSCTL:
+            gain = self.parameters.number("MPC_XY_P")
+            away_north, away_east, _ = subtract(self.hold_true_m, self.body.position_m)
+            north, east = gain * away_north, gain * away_east
+        demand.velocity_mps = self._limited((north, east, demand.velocity_mps[2]))
+        demand.feedforward_mps2 = motion.acceleration_mps2
 
     def _home_distance_m(self) -> float:
         north, east, _ = subtract(self.home_true_m, self.body.position_m)
         return math.hypot(north, east)
-
-
-def _expo(stick: float) -> float:
-    return (1.0 - STICK_EXPO) * stick + STICK_EXPO * stick**3

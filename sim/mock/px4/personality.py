@@ -27,11 +27,11 @@ PX4 = Personality(
         mavlink.MAVLINK_MSG_ID_COLLISION,
     ),
     response=Response(
-        velocity_lag_s=1.0 / 1.6,
+        velocity_lag_s=1.0 / 1.8,
         climb_lag_s=1.0 / 4.0,
         attitude_lag_s=0.35,
         drag_per_s=1.1,
-        integral_per_s2=0.5,
+        integral_per_s2=0.4,
         climb_integral_per_s2=2.0,
         acceleration_xy_mps2=5.0,
         acceleration_up_mps2=2.0,
