@@ -14,6 +14,7 @@ from companion.announcing import Announcer
 from companion.arrays import FloatArray
 from companion.commands import Commands
 from companion.guidance.envelope import Envelope
+from companion.guidance.freeze import FreezeDetector
 from companion.guidance.guidance import Proposal, propose
 from companion.guidance.guide import Guide
 from companion.guidance.limits import ARRIVAL_RADIUS_M
@@ -125,6 +126,8 @@ class Flight:
         self._supervisor = Supervisor(mission.plan, now_s=self._start_s)
         self._metrics = Metrics(start_s=self._start_s, rate_hz=mission.rate_hz)
         self._proposed: _Proposed | None = None
+        self._freeze = FreezeDetector()
+        self._commanded_mps = 0.0
         self._policy_failures = 0
         self._heartbeat_due_s = self._start_s
         self._rates_due_s = self._start_s
@@ -191,6 +194,7 @@ class Flight:
             self._vehicle.request(directive.request, altitude_m=self._mission.plan.takeoff_m)
         decision = self._guard(directive, pose, proposal)
         sent = self._send(directive, decision)
+        self._commanded_mps = 0.0 if sent is None else _speed_mps(sent)
         sent_s = self._vehicle.now_s()
         if now_s >= self._heartbeat_due_s:
             self._vehicle.send_heartbeat(directive.health)
@@ -275,6 +279,8 @@ class Flight:
             foreign_setpoint=foreign[-1] if foreign else "",
             rebooted=any(event.kind is EventKind.REBOOT for event in events),
             frame_moved=self._positions.take_frame_moved(),
+            position_frozen=self._is_frozen(state),
+            off_map_m=0.0 if pose is None else mission.map.outside_m(pose.position_enu_m),
             policy_failures=self._policy_failures,
             frame_untied=self._positions.untied,
             stop_requested=self._stop_requested(),
@@ -379,6 +385,16 @@ class Flight:
         obstacles = self._surroundings.around(pose.position_enu_m).obstacles
         obstacle_m = float(obstacles.signed_distance_m(pose.position_enu_m))
         return min(obstacle_m, float(pose.position_enu_m[2]))
+
+    def _is_frozen(self, state: VehicleState | None) -> bool:
+        if state is None:
+            return False
+        return self._freeze.look(
+            state.position_ned_m,
+            state.velocity_ned_mps,
+            time_s=state.time_s,
+            commanded_mps=self._commanded_mps,
+        )
 
     def _rates_hz(self, now_s: float) -> Mapping[str, float] | None:
         """Return the measured rates of the link, once a second."""

@@ -1,6 +1,6 @@
 """What keeps the policy from flying for a while: stale, doubtful or contradictory knowledge."""
 
-from companion.guidance.limits import HEARTBEAT_LATE_S, POSITION_STALE_SOFT_S
+from companion.guidance.limits import HEARTBEAT_LATE_S, OFF_MAP_M, POSITION_STALE_SOFT_S
 from companion.guidance.reasons import Reason
 from companion.guidance.situation import Situation
 from companion.guidance.target import TargetTier
@@ -21,12 +21,16 @@ def why_hold(s: Situation, frame_settled_s: float) -> tuple[Reason, str] | None:
         return Reason.HEARTBEAT_LATE, "no heartbeat: it is not known who has the vehicle"
     if not v.position_valid:
         return Reason.POSITION_INVALID, "the estimator does not vouch for the position"
+    if s.position_frozen:
+        return Reason.POSITION_FROZEN, "the position does not change while the vehicle moves"
     if s.now_s < frame_settled_s:
         return Reason.FRAME_MOVED, "the local frame has moved"
     if s.frame_untied:
         return Reason.FRAME_UNTIED, s.frame_untied
     if s.waiting_for:
         return Reason.FRAME_UNTIED, s.waiting_for
+    if s.off_map_m > OFF_MAP_M:
+        return Reason.OUTSIDE_MAP, f"the vehicle is {s.off_map_m:.0f} m outside the map"
     if s.target in (TargetTier.NONE, TargetTier.HOLD, TargetTier.LOST):
         return Reason.TARGET_SILENT, "the target is silent"
     if s.policy_failures:

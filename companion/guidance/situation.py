@@ -103,6 +103,10 @@ class Situation:
     foreign_setpoint: str = ""
     """Who else sends setpoints to our vehicle; empty when nobody."""
     rebooted: bool = False
+    position_frozen: bool = False
+    """The position stands still to the last bit while the vehicle moves, or is to move."""
+    off_map_m: float = 0.0
+    """How far outside the box of the map the vehicle is; 0 inside."""
     frame_moved: bool = False
     frame_untied: str = ""
     """How local and global position contradict each other; empty when they agree."""

@@ -59,6 +59,19 @@ class Map:
         inside: BoolArray = np.all((position_m >= 0.0) & (position_m <= self.size_m), axis=-1)
         return inside
 
+    def outside_m(self, position_enu_m: FloatArray) -> float:
+        """Return how far a position ``(3,)`` is from the box; 0 inside, below the ground too.
+
+        Below, because the ground of a real place is not flat.
+        """
+        east_m, north_m, up_m = position_enu_m.tolist()
+        size_east_m, size_north_m, size_up_m = self.size_m.tolist()
+        return math.hypot(
+            max(-east_m, east_m - size_east_m, 0.0),
+            max(-north_m, north_m - size_north_m, 0.0),
+            max(up_m - size_up_m, 0.0),
+        )
+
     def is_free(self, position_enu_m: FloatArray, margin_m: float = 0.0) -> BoolArray:
         """Return whether positions ``(..., 3)`` lie in the box, clear of obstacles, ``(...)``.
 

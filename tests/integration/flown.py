@@ -64,6 +64,7 @@ class Wire:
         """When the companion was handed a HEARTBEAT that shows that its mode is over."""
         self.muted = frozenset()
         """Message ids that do not come through."""
+        self._changes = None
         self.killed = False
         self.stall_s = 0.0
         self.on_tick = lambda: None
@@ -94,10 +95,28 @@ class Wire:
     def receive(self):
         got, self._pending = self._pending, []
         passed = [frame for frame in got if message_id(frame) not in self.muted]
+        if self._changes is not None:
+            passed = [self._changed(frame) for frame in passed]
         for frame in passed:
             if message_id(frame) == dialect.MAVLINK_MSG_ID_HEARTBEAT and frame[5:7] == b"\1\1":
                 self._look_at(frame)
         return [("mock", frame) for frame in passed]
+
+    def change(self, changes):
+        """Let ``changes(message)`` alter every message from now on."""
+        self._changes = changes
+
+    def _changed(self, frame):
+        try:
+            message = dialect.MAVLink(None).decode(bytearray(frame))
+        except dialect.MAVError:
+            return frame
+        if isinstance(message, dialect.MAVLink_unknown):
+            return frame
+        self._changes(message)
+        sender = dialect.MAVLink(None, message.get_srcSystem(), message.get_srcComponent())
+        sender.seq = message.get_seq()
+        return message.pack(sender)
 
     def _look_at(self, frame):
         try:
@@ -332,3 +351,22 @@ def is_stopped(flown):
 
 def dies(flown):
     flown.wire.killed = True
+
+
+def changes(name, **values) -> Callable[[Flown], None]:
+    """Let fields of a message be other ones; ``None`` freezes what they were at first."""
+
+    def happens(flown):
+        kept = {}
+
+        def change(message):
+            if message.get_type() != name:
+                return
+            for key, value in values.items():
+                if value is None:
+                    value = kept.setdefault(key, getattr(message, key))
+                setattr(message, key, value)
+
+        flown.wire.change(change)
+
+    return happens

@@ -20,6 +20,7 @@ from tests.integration.flown import (
     WALKER,
     Flown,
     breaks,
+    changes,
     dies,
     fault,
     hears,
@@ -37,6 +38,11 @@ STEER = dialect.MAVLink_set_position_target_global_int_message(
 PAUSE = dialect.MAVLink_command_long_message(
     1, 191, dialect.MAV_CMD_DO_PAUSE_CONTINUE, 0, 0, 0, 0, 0, 0, 0, 0
 )
+
+
+FROZEN = dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"))
+AT_REST = dict.fromkeys(("vx", "vy", "vz"), 0.0)
+ELSEWHERE = dialect.MAVLink_local_position_ned_message(5000, 40.0, 40.0, -40.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -91,6 +97,19 @@ ROWS = (
     Row("positions stop, heartbeats do not", loses("LOCAL_POSITION_NED"),
         "link_lost position_late", 4, 0.4),
     Row("heartbeats stop, positions do not", loses("HEARTBEAT"), "link_lost link_silent", 4, 3.1),
+    Row("positions become NaN", changes("LOCAL_POSITION_NED", x=np.nan),
+        "link_lost position_late", 4, 0.4),
+    Row("velocities become infinite", changes("LOCAL_POSITION_NED", vy=np.inf),
+        "link_lost position_late", 4, 0.4),
+    Row("the position freezes, its times go on", changes("LOCAL_POSITION_NED", **FROZEN),
+        "position_lost position_frozen", 4, 0.8),
+    Row("it freezes and says it stands", changes("LOCAL_POSITION_NED", **FROZEN | AT_REST),
+        "position_lost position_frozen", 4, 1.3),
+    Row("the position jumps far outside the map", changes("LOCAL_POSITION_NED", x=-900.0),
+        "position_lost *", 4, 0.5),
+    Row("another vehicle sends positions", hears(7, 1, ELSEWHERE), "arrived arrived", 0, ON),
+    Row("another component of ours sends positions", hears(1, 200, ELSEWHERE),
+        "arrived arrived", 0, ON),
     Row("the estimator is reset", fault("kind=ekf_reset,north=3"), "arrived arrived", 0, ON,
         ("px4",), says="frame_moved"),
     Row("the local origin moves", fault("kind=origin_move,north=4"), "arrived arrived", 0, ON,
@@ -104,6 +123,8 @@ ROWS = (
     Row("GPS is lost for good", fault("kind=gps_loss"), "*", None, 8.0),
     Row("the battery is at 10 %", fault("kind=battery_low,level=0.1"), "*", None, 1.2),
     Row("the target falls silent", fault("kind=target_stale"),
+        "target_lost target_silent", 4, 2.2, pursues=True),
+    Row("the target is at (0, 0)", changes("GLOBAL_POSITION_INT", lat=0, lon=0),
         "target_lost target_silent", 4, 2.2, pursues=True),
     Row("the target repeats itself", fault("kind=target_freeze"),
         "target_lost target_silent", 4, 2.2, pursues=True),

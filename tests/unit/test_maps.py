@@ -308,3 +308,14 @@ def test_a_map_from_footprints():
     assert (city.origin, city.launch_enu_m) == (None, None)
     with pytest.raises(MapError, match=r"obstacles\[1\].height_m"):
         build_map("city", [100, 50, 40], [SQUARE, SQUARE], [10.0, 50.0])
+
+
+def test_how_far_outside_the_box():
+    city = load_map("free")  # a cube of 100 m
+    for place, outside_m in [
+        ((50.0, 50.0, 50.0), 0.0),
+        ((0.0, 100.0, -3.0), 0.0),
+        ((-3.0, 104.0, 50.0), 5.0),
+        ((50.0, 50.0, 112.0), 12.0),
+    ]:
+        assert city.outside_m(np.array(place)) == outside_m

@@ -574,6 +574,8 @@ EVENTS = {
     "target lost": ({}, {"target": TargetTier.LOST, "target_age_s": 60.0}),
     "policy broken": ({}, {"policy_failures": 9}),
     "frame moved": ({}, {"frame_moved": True}),
+    "position frozen": ({}, {"position_frozen": True}),
+    "outside the map": ({}, {"off_map_m": rules.OFF_MAP_M + 0.1}),
     "estimator lost": ({"position_valid": False}, {"waiting_for": "the estimator"}),
     "position stale": ({"time_s": 0.0}, {}),
     "battery empty": ({"battery_fraction": 0.01}, {}),
