@@ -119,7 +119,11 @@ def pair(first: Flight, second: Flight) -> Pair:
     if all(actors) and actors[0] != actors[1]:
         return Pair(first, second, (actors[0], actors[1]))
     if first.title != second.title:
-        return Pair(first, second, (first.title, second.title))
+        day = first.title.partition("T")[0] + "T"
+        names = first.title, second.title
+        if all(name.startswith(day) for name in names):  # sessions of one day
+            names = first.title.removeprefix(day), second.title.removeprefix(day)
+        return Pair(first, second, names)
     return Pair(first, second, (f"{first.title} (A)", f"{second.title} (B)"))
 
 

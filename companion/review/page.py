@@ -32,6 +32,7 @@ _ORDER = (
     "plots/health/battery",
 )
 _MOST_MARKS = 40
+_PATH_COLORS = "the clearance, from red at the margin to blue; grey: the policy did not fly"
 _WINDOW = (1800, 1000)
 
 
@@ -50,7 +51,11 @@ def write_page(flight: Flight, folder: Path, *, at_s: float | None = None) -> Pa
         f"<span>{html.escape(name)} <b>{html.escape(value)}</b></span>"
         for name, value in flight.settings
     )
-    above = f"<figure>{plan(flight)}<figcaption>From above, north up</figcaption></figure>"
+    above = (
+        f"<figure>{plan(flight)}<figcaption>From above, north up. The colour of the path is "
+        f"{_PATH_COLORS if flight.summary is not None else 'that of the flight mode'}."
+        "</figcaption></figure>"
+    )
     body = [
         header(flight.title, flight.result, settings, state),
         stands_out(found, "What stands out"),

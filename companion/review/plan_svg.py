@@ -5,6 +5,7 @@ import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import shapely
 
 from companion.arrays import FloatArray
 from companion.review.svg import ink, nice_steps
@@ -48,7 +49,8 @@ def plan_of(city: City, tracks: Sequence[tuple[str, Track, Color]]) -> str:
         parts += _grid(value, city, scale, wide, high)
     for ring, height_m in zip(city.footprints_m, city.heights_m, strict=False):
         corners = " ".join(f"{x:.1f},{y:.1f}" for x, y in place(ring))
-        x, y = place(ring.mean(axis=0))[0]
+        inside = shapely.point_on_surface(shapely.Polygon(ring))
+        x, y = place(shapely.get_coordinates(inside))[0]
         parts.append(
             f'<polygon class="obstacle" points="{corners}"/>'
             f'<text class="word dark" x="{x:.1f}" y="{y + 3:.1f}" text-anchor="middle">'
@@ -60,7 +62,9 @@ def plan_of(city: City, tracks: Sequence[tuple[str, Track, Color]]) -> str:
         if len(track.time_s):
             if name != "target":
                 parts.append(_point(place(track.position_enu_m[0])[0], "start", colors.IDLE))
-            parts.append(_point(place(track.position_enu_m[-1])[0], name or "end", color))
+            below = name == "target"  # beside the name of the vehicle that has arrived
+            at = place(track.position_enu_m[-1])[0]
+            parts.append(_point(at, name or "end", color, below=below))
     parts.append(f'<text class="tick" x="{wide / 2:.0f}" y="12" text-anchor="middle">north</text>')
     return "".join([*parts, "</svg>"])
 
@@ -100,10 +104,11 @@ def _track(track: Track, place: Place, plain: Color, width: float) -> list[str]:
     return parts
 
 
-def _point(place: FloatArray, name: str, color: Color) -> str:
+def _point(place: FloatArray, name: str, color: Color, *, below: bool = False) -> str:
     x, y = place
+    text_y = y + 13.0 if below else y - 5.0
     return (
         f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{ink(color)}"/>'
-        f'<text class="key" x="{x + 6:.1f}" y="{y - 5:.1f}" fill="{ink(color)}">'
+        f'<text class="key" x="{x + 6:.1f}" y="{text_y:.1f}" fill="{ink(color)}">'
         f"{html.escape(name)}</text>"
     )

@@ -36,7 +36,7 @@ class EarthView:
             "earth/map",
             rr.GeoLineStrings(
                 lat_lon=[self._place(ring) for ring in [fence_m, *rings]],
-                colors=[colors.TARGET, *[colors.LIMIT] * len(rings)],
+                colors=[colors.LIMIT],
                 radii=rr.Radius.ui_points(1.5),
             ),
         )

@@ -54,7 +54,7 @@ def result_line(summary: Summary) -> str:
 def markdown(start: SessionStart, summary: Summary | None) -> str:
     """Return the summary panel of the viewer, as long as nobody has reviewed the session."""
     vehicle = start.vehicle
-    result = "no result: still running, or cut off"
+    result = "in flight, or cut off: no result yet"
     rows: list[tuple[str, str]] = []
     if summary is not None:
         result = f"{summary.outcome.replace('_', ' ')}: {summary.reason}"

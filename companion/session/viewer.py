@@ -53,8 +53,12 @@ def open_viewer(*arguments: str) -> None:
 
 
 @contextlib.contextmanager
-def headless_viewer(size: tuple[int, int]) -> Iterator[str]:
+def headless_viewer(size: tuple[int, int], *arguments: str) -> Iterator[str]:
     """Run a viewer without a window and yield the address it is controlled at.
+
+    Args:
+        size: Of the window that there is not, pixels.
+        arguments: More for the viewer, such as ``--connect URI``.
 
     Raises:
         UsageError: If Rerun is not installed.
@@ -65,6 +69,7 @@ def headless_viewer(size: tuple[int, int]) -> Iterator[str]:
         process = _start(
             *("--headless", "--port", str(port), "--window-size", f"{size[0]}x{size[1]}"),
             "--hide-welcome-screen",
+            *arguments,
             output=said.fileno(),
         )
         try:

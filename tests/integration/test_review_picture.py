@@ -274,6 +274,36 @@ def test_what_the_review_found_lies_over_the_recording(session, tmp_path):
     assert "target silent" in page
 
 
+@pytest.mark.slow
+def test_a_viewer_follows_a_flight_live(tmp_path, vulkan):
+    recorder = Recorder(tmp_path, live="serve")
+    records = [record for record in fly(20.0) if not isinstance(record, SessionEnd)]
+    recorder.put(records[0])
+    said = []
+    while not said:
+        said += recorder.take_messages()
+        sleep_s(0.1)
+    address = said[0].split()[-1]
+    with headless_viewer((1280, 720), "--connect", address) as control:
+        client = ViewerClient.connect(control)
+        ends_s = []
+        for part in (records[1:201], records[201:401]):
+            for record in part:
+                recorder.put(record)
+            sleep_s(4.0)
+            (found,) = client.get_state().recordings
+            ends_s += [line.end / 1e9 for line in found.timelines if line.name == "session"]
+        PICTURES.mkdir(parents=True, exist_ok=True)
+        client.save_screenshot(str(PICTURES / "live.png"), None)
+        views = client.get_state().views
+    recorder.close(60.0)
+    assert 8.0 < ends_s[0] < ends_s[1] - 8.0
+    assert "Chase" in {view.name for view in views}
+    assert [report.summary for view in views for report in view.reports] == []
+    with Image.open(PICTURES / "live.png") as picture:
+        assert np.asarray(picture.convert("L"), dtype=float)[60:480, :740].std() > 10.0
+
+
 def test_the_report_fits_a_terminal(session):
     text = report(open_flight(session))
     assert max(map(len, text.splitlines()[1:])) <= 80
