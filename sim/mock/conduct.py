@@ -15,7 +15,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.mock.autopilot import Autopilot, FlightMode
-from sim.mock.commands import CommandId
+from sim.mock.commands import FORCE, CommandId
 
 SETPOINTS = frozenset({"SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"})
 COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
@@ -46,8 +46,10 @@ COMPLAINTS = {
     "retakes_control": "asks for control again right after somebody has taken it",
     "bad_numbers": "sends setpoints with NaN, infinite or absurd values",
     "refused_setpoints": "sends setpoints that the autopilot refuses or stops at",
+    "free_axes": "leaves an axis of its setpoints free: PX4 stays where it is, ArduPilot stops",
     "floods": f"sends more than {FLOOD_HZ} setpoints a second",
     "stale_setpoints": f"re-sends one unchanged velocity for more than {STALE_S:.0f} s",
+    "stops_motors": "stops the motors in the air by force",
     "repeats_commands": f"sends one command more than {SENT_AGAIN} times in {SENT_AGAIN_S:.0f} s",
     "heartbeat_as_gcs": "flies by setpoints and calls itself a ground station in its HEARTBEAT",
 }
@@ -125,6 +127,11 @@ class Conduct:
             self._setpoint(now_s, who, message, autopilot)
         elif kind in COMMANDS:
             self._command(now_s, who, message, autopilot)
+        elif kind == "SET_MODE":
+            content = repr((CommandId.DO_SET_MODE, message.base_mode, message.custom_mode))
+            self._look_for_repeats(now_s, who, content)
+            number = message.custom_mode >> 16 & 0xFF or message.custom_mode
+            self._look_at_mode(now_s, who, number, autopilot)
         elif kind == "HEARTBEAT":
             sender = self._senders[who]
             sender.is_gcs = message.type == mavlink.MAV_TYPE_GCS
@@ -143,6 +150,8 @@ class Conduct:
             self._complain(who, "heartbeat_as_gcs")
         if not _sane(message):
             self._complain(who, "bad_numbers")
+        if _leaves_axis_free(message.type_mask):
+            self._complain(who, "free_axes")
         resumes = now_s - sender.last_s > PAUSE_S
         sender.last_s = now_s
         sender.times_s.append(now_s)
@@ -167,12 +176,23 @@ class Conduct:
             self._complain(who, "stale_setpoints")
 
     def _command(self, now_s: float, who: str, message: Any, autopilot: Autopilot) -> None:
-        sender = self._senders[who]
         if message.command not in _ACTS:
             return
-        # Written out: no two NaN are the same. Older commands than the newest few do not matter.
+        # Written out: no two NaN are the same.
         content = repr((message.command, message.param1, message.param2, message.param3))
+        self._look_for_repeats(now_s, who, content)
+        if message.command == CommandId.DO_SET_MODE:
+            self._look_at_mode(now_s, who, message.param2, autopilot)
+        elif message.command in _ENDS and autopilot.mode.is_external:
+            self._senders[who].ordered_s = now_s
+        disarms = message.command == CommandId.COMPONENT_ARM_DISARM and message.param1 == 0.0
+        if disarms and message.param2 == FORCE and autopilot.armed and not autopilot.landed:
+            self._complain(who, "stops_motors")
+
+    def _look_for_repeats(self, now_s: float, who: str, content: str) -> None:
+        sender = self._senders[who]
         times_s = sender.commands[content]
+        # Older commands than the newest few do not matter.
         if len(sender.commands) > COMMANDS_KEPT:
             del sender.commands[next(iter(sender.commands))]
         times_s.append(now_s)
@@ -180,11 +200,12 @@ class Conduct:
             times_s.popleft()
         if len(times_s) > SENT_AGAIN:
             self._complain(who, "repeats_commands")
-        sets_mode = message.command == CommandId.DO_SET_MODE
-        takes = sets_mode and message.param2 == autopilot.external_mode_number
+
+    def _look_at_mode(self, now_s: float, who: str, number: float, autopilot: Autopilot) -> None:
+        sender = self._senders[who]
+        takes = number == autopilot.external_mode_number
         if autopilot.mode.is_external:
-            if not takes and (sets_mode or message.command in _ENDS):
-                sender.ordered_s = now_s
+            sender.ordered_s = sender.ordered_s if takes else now_s
         elif takes and now_s - (sender.lost_control_s or -math.inf) < RETAKE_S:
             self._complain(who, "retakes_control")
 
@@ -228,6 +249,11 @@ def _sane(message: Any) -> bool:
     others = [getattr(message, n) for b, n in zip(bits, places, strict=True) if not mask >> b & 1]
     others += [getattr(message, n) for b, n in ((10, "yaw"), (11, "yaw_rate")) if not mask >> b & 1]
     return believable and all(map(math.isfinite, others))
+
+
+def _leaves_axis_free(mask: int) -> bool:
+    """Return whether an axis is controlled by neither position, velocity nor acceleration."""
+    return bool(mask & mask >> 3 & mask >> 6 & 0b111)
 
 
 def _moves(message: Any) -> bool:

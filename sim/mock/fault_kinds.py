@@ -118,13 +118,18 @@ def _setpoint_deaf(spec: Spec) -> Act:
     return act
 
 
-def _battery_low(spec: Spec) -> Act:
-    level = min(1.0, spec.number("level", 0.1, low=0.0))
+def _battery(level: float) -> Plan:
+    """Return the plan of a fault that leaves so much in the battery."""
 
-    def act(vehicle: "MockVehicle") -> None:
-        vehicle.autopilot.battery.fraction = level
+    def plan(spec: Spec) -> Act:
+        left = spec.number("level", level, low=0.0, high=1.0)
 
-    return act
+        def act(vehicle: "MockVehicle") -> None:
+            vehicle.autopilot.battery.fraction = left
+
+        return act
+
+    return plan
 
 
 def _geofence(spec: Spec) -> Act:
@@ -183,12 +188,18 @@ def _link_fault(change: Callable[[Spec], dict[str, float]]) -> Plan:
 
 
 def _percent(name: str) -> Plan:
-    return _link_fault(lambda spec: {name: spec.number("percent", 5.0, low=0.0) / 100.0})
+    return _link_fault(
+        lambda spec: {name: spec.number("percent", 5.0, low=0.0, high=100.0) / 100.0}
+    )
 
 
 def _delay(spec: Spec) -> dict[str, float]:
     late_s = spec.number("ms", 200.0, low=0.0) / 1e3
     return {"delay_s": late_s, "jitter_s": spec.number("jitter_ms", 0.0, low=0.0) / 1e3}
+
+
+def _reorder(spec: Spec) -> dict[str, float]:
+    return {"jitter_s": spec.number("ms", 100.0, low=0.0) / 1e3}
 
 
 def _ack_lost(spec: Spec) -> Act:
@@ -282,7 +293,8 @@ KINDS: dict[str, Kind] = {
     "ekf_reset": Kind(_ekf_reset, _SHIFT, "reset_counter + 1, the estimate steps 3 m north"),
     "origin_move": Kind(_origin_move, _SHIFT, "the local origin moves 10 m north"),
     "setpoint_deaf": Kind(_setpoint_deaf, (), "setpoints no longer reach the autopilot"),
-    "battery_low": Kind(_battery_low, ("level",), "the battery drops to level 0.1"),
+    "battery_low": Kind(_battery(0.1), ("level",), "the battery drops to level 0.1"),
+    "battery_critical": Kind(_battery(0.06), ("level",), "the battery drops to level 0.06"),
     "geofence": Kind(_geofence, ("radius",), "a fence of 20 m around home"),
     "reboot": Kind(_reboot, (), "the autopilot restarts; in the air it falls"),
     "second_companion": Kind(
@@ -293,6 +305,9 @@ KINDS: dict[str, Kind] = {
     "duplicate": Kind(_percent("duplicate"), _SHARE, "5 percent arrive twice"),
     "corrupt": Kind(_percent("corrupt"), _SHARE, "5 percent arrive with a wrong byte"),
     "delay": Kind(_link_fault(_delay), ("ms", "jitter_ms", "link"), "200 ms late; jitter reorders"),
+    "reorder": Kind(
+        _link_fault(_reorder), ("ms", "link"), "up to 100 ms late: packets overtake each other"
+    ),
     "ack_lost": Kind(_ack_lost, ("count",), "the next 1 COMMAND_ACK is lost"),
     "ack_late": Kind(_slow_acks(progress=False), ("ms",), "COMMAND_ACK comes 1500 ms late"),
     "in_progress": Kind(

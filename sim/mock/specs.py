@@ -51,17 +51,20 @@ class Spec:
         """Return any word, ``None`` where it is not given."""
         return self._values.get(key)
 
-    def number(self, key: str, default: float, *, low: float = -math.inf) -> float:
-        """Return a finite number of at least ``low``; the default may be infinite."""
+    def number(
+        self, key: str, default: float, *, low: float = -math.inf, high: float = math.inf
+    ) -> float:
+        """Return a finite number from ``low`` to ``high``; the default may be infinite."""
         if key not in self._values:
             return default
         try:
             value = float(self._values[key])
         except ValueError:
             value = math.nan
-        if not math.isfinite(value) or value < low:
-            at_least = f" of at least {low:g}" if math.isfinite(low) else ""
-            raise self.error(f"{key} must be a number{at_least}, got {self._values[key]}")
+        if not (math.isfinite(value) and low <= value <= high):
+            bounds = f" of at least {low:g}" if math.isfinite(low) else ""
+            bounds += f" and at most {high:g}" if math.isfinite(high) else ""
+            raise self.error(f"{key} must be a number{bounds}, got {self._values[key]}")
         return value
 
     def point(self, key: str) -> tuple[float, float, float] | None:

@@ -203,3 +203,64 @@ def test_the_mocks_own_second_companion_is_not_judged(fly):
     bench = fly(faults=["from=offboard,t=1,kind=second_companion"])
     bench.run(2.0)
     assert kinds(bench) == set()
+
+
+def set_mode(bench, custom_mode):
+    bench.send(mavlink.MAVLink_set_mode_message(1, 1, custom_mode))
+
+
+def test_one_that_leaves_an_axis_free_is_found_out(fly):
+    bench = fly()
+    bench.run(1.0, stream=bench.setpoint(type_mask=0xDE7, velocity=(1.0, 0.0, 0.0)))
+    assert "free_axes" in kinds(bench)
+
+
+@pytest.mark.parametrize("mask", [0xDC7, 0xDF8, 0xDC0, 0xDE3, 0xFC7], ids=hex)
+def test_masks_that_leave_no_axis_free_are_in_order(mask):
+    bench = fly_px4()
+    bench.run(1.0, stream=bench.setpoint(type_mask=mask, position=(0.0, 0.0, -8.0)))
+    assert "free_axes" not in kinds(bench)
+
+
+def test_one_that_takes_control_back_by_set_mode_is_found_out_too(fly):
+    bench = fly()
+    autopilot = bench.vehicle.autopilot
+    autopilot.choose_mode(autopilot.hold_mode, by_pilot=False)
+    bench.run(1.5)
+    set_mode(bench, 6 << 16 if bench.last("HEARTBEAT").autopilot == 12 else 4)
+    assert "retakes_control" in kinds(bench)
+
+
+def test_one_that_ends_its_control_by_set_mode_is_left_in_peace(fly):
+    bench = fly()
+    px4 = bench.last("HEARTBEAT").autopilot == 12
+    set_mode(bench, 0x03040000 if px4 else 17)
+    bench.run(3.0, stream=bench.velocity(0.0, 0.0, 0.0))
+    assert kinds(bench) == set()
+
+
+@pytest.mark.parametrize("spam", ["command", "message"])
+def test_one_that_asks_for_its_mode_all_the_time_is_found_out(fly, spam):
+    bench = fly()
+    px4 = bench.last("HEARTBEAT").autopilot == 12
+    for _ in range(12):
+        if spam == "command":
+            bench.command(SET_MODE, 1.0, 6.0 if px4 else 4.0)
+        else:
+            set_mode(bench, 6 << 16 if px4 else 4)
+        bench.run(0.4, stream=bench.velocity(0.0, 0.0, 0.0))
+    assert kinds(bench) == {"repeats_commands"}
+
+
+def test_one_that_arms_in_a_loop_is_found_out():
+    bench = Bench(hears=HEARS)
+    for _ in range(12):
+        bench.command(ARM, 1.0)
+        bench.run(1.0)
+    assert kinds(bench) == {"repeats_commands"}
+
+
+def test_one_that_stops_the_motors_in_the_air_is_found_out(fly):
+    bench = fly()
+    assert bench.command(ARM, 0.0, 21196.0) == 0
+    assert kinds(bench) == {"stops_motors"}

@@ -51,6 +51,8 @@ def count(bench, name, duration_s, link=0):
         ("", "expected key=value"),
         ("kind=rc_takeover,mode=warp", "mode must be one of"),
         ("kind=loss,link=3", "only 1 links"),
+        ("kind=loss,percent=500", "of at least 0 and at most 100"),
+        ("kind=battery_low,level=20", "of at least 0 and at most 1"),
         ("kind=target_stale", "no such --target"),
         ("kind=reboot,from=lunch", "from must be one of"),
     ],
