@@ -208,6 +208,7 @@ BY_KIND = {
     "origin_move": "origin",
     "setpoint_deaf": "setpoints are lost on the way",
     "battery_low": "battery",
+    "battery_critical": "battery",
     "geofence": "a fence",
     "reboot": "a boot in the air",
     "second_companion": "a rival",
@@ -216,6 +217,7 @@ BY_KIND = {
     "duplicate": "packets twice",
     "corrupt": "lost packets",
     "delay": None,  # what is late looks new: the companion tells it by the clocks of both
+    "reorder": None,  # as "delay"
     "ack_lost": "answers lost",
     "ack_late": "answers late",
     "in_progress": None,  # as it should be
