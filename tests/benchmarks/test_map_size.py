@@ -1,7 +1,7 @@
 """How long a step takes over a block, a town and a city: it must not matter.
 
-A step is what the loop does between position and setpoint: observation and shield; a round of the
-benchmark is 200 of them. Run with
+A step is what the loop does for each position: way, observation and shield, and then a share of the
+search for the next way; a round of the benchmark is 200 of them. Run with
 ``pytest tests/benchmarks --benchmark-only``.
 """
 
@@ -10,8 +10,9 @@ import time
 import numpy as np
 import pytest
 
+from companion.guidance.guide import Guide
 from companion.guidance.shield import Shield, ShieldLimits
-from companion.policy.observation import RAYS, build_observation
+from companion.policy.observation import WAYS, build_observation
 from companion.world.maps import build_map
 from companion.world.neighbourhood import Neighbourhood
 
@@ -43,6 +44,7 @@ def city_of(count):
 def test_step(benchmark, count):
     city, middle_m = city_of(count)
     surroundings, shield = Neighbourhood(city), Shield(city, ShieldLimits())
+    guide, target_m = Guide(city, WAYS), np.array([middle_m - 60.0, middle_m - 40.0, 20.0])
     # Down a street and back at 5 m/s and 20 Hz.
     along_m = middle_m - 0.25 * np.minimum(np.arange(STEPS), np.arange(STEPS)[::-1])
     places_m = np.column_stack((along_m, np.full(STEPS, middle_m), np.full(STEPS, 12.0)))
@@ -51,12 +53,14 @@ def test_step(benchmark, count):
     def fly():
         for position_m in places_m:
             build_observation(
-                RAYS,
+                WAYS,
                 position_enu_m=position_m,
                 velocity_enu_mps=velocity_mps,
-                target_enu_m=np.array([middle_m - 60.0, middle_m - 40.0, 20.0]),
+                target_enu_m=target_m,
                 map=surroundings.around(position_m),
+                ahead=guide.ahead(position_m, target_m),
             )
             shield.check(velocity_mps, position_enu_m=position_m, velocity_now_enu_mps=velocity_mps)
+            guide.work(position_m, target_m)
 
     benchmark(fly)

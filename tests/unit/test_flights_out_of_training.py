@@ -22,15 +22,28 @@ SEEN = {"speed": (0.0, 6.1), "gap": (6.2, 100.0), "sight": (8.7, 50.0)}
 """Of 30,000 observations in the world that the shipped actor was trained in."""
 
 
-def fly(city, start, target, *, lag=None, seen=None, seconds=120.0):
-    """Return summary, events, ticks and contacts of one flight with the shipped actor."""
+GUSTS = Disturbance(0.3, 2.0)
+
+
+class SteadyWind(Disturbance):
+    """Blows to the east, and no autopilot leans against it."""
+
+    def sample(self, rng, shape):
+        return np.array([self.std, 0.0, 0.0])
+
+    def advance(self, value, *, dt_s, rng):
+        return value
+
+
+def fly(city, start, target, *, lag=None, seen=None, wind=GUSTS, seconds=120.0):
+    """Return summary, events, ticks, vehicle and shield of one flight with the shipped actor."""
     vehicle = SimVehicle(
         city,
         rng=np.random.default_rng(3),
         start_enu_m=np.array(start),
         airborne=True,
         lag=lag,
-        wind=Disturbance(0.3, 2.0),
+        wind=wind,
         position_noise=Disturbance(0.2, 2.0),
     )
     actor = Actor.load("flight")
@@ -104,3 +117,17 @@ def test_in_streets_of_three_metres_it_goes_slower():
     assert "gap 3" in first
     assert min(tick.speed_cap_mps for tick in ticks if tick.speed_cap_mps) < 0.6 * V_MAX_MPS
     assert summary.setpoints_slowed > 0
+
+
+def test_with_a_tailwind_it_flies_no_faster_over_ground_than_in_training():
+    city = build_map("plain", (160, 100, 40), [], [], origin=ORIGIN)
+    summary, said, ticks, _, _ = fly(
+        city, (5.0, 50.0, 20.0), (155.0, 50.0, 20.0), seen=SEEN, wind=SteadyWind(3.0, 2.0)
+    )
+    assert summary.outcome == "arrived"
+    (news,) = [text for text in said if text.startswith("not as in training")]
+    assert "speed" in news
+    assert "(no more than 6.1 m/s in training)" in news
+    speeds = [np.linalg.norm(tick.velocity_enu_mps) for tick in ticks if tick.safe_enu_mps]
+    assert max(speeds) > 6.1 * 1.1
+    assert np.median(speeds[-100:]) < 6.1 * 1.05
