@@ -5,8 +5,6 @@ to the top of the box. What a vehicle can reach is therefore known from above: c
 at the top and hang together, each down to its lowest free point.
 """
 
-from collections import deque
-
 import numpy as np
 import shapely
 
@@ -82,18 +80,27 @@ def _lowest_free_m(city: Map, ground_m: FloatArray, margin_m: float) -> FloatArr
 
 def _parts(is_open: BoolArray) -> IntArray:
     """Return a number for every open cell, the same for cells that hang together; else -1."""
-    part: IntArray = np.where(np.pad(is_open, 1), 0, -1)
-    for number, (east, north) in enumerate(np.argwhere(part == 0).tolist(), start=1):
-        edge = deque([(east, north)])
-        while edge:
-            east, north = edge.popleft()
-            if part[east, north] == 0:
-                part[east, north] = number
-                beside = (
-                    (east - 1, north),
-                    (east + 1, north),
-                    (east, north - 1),
-                    (east, north + 1),
-                )
-                edge.extend(beside)
-    return part[1:-1, 1:-1]
+    part: IntArray = np.where(is_open, 0, -1)
+    number = 0
+    while (part == 0).any():
+        number += 1
+        part[_around(is_open, int(np.argmax(part == 0)))] = number
+    return part
+
+
+def _around(is_open: BoolArray, first: int) -> BoolArray:
+    """Return which open cells hang together with one, given by its flat index.
+
+    In sweeps over the plane, row by row and column by column, until nothing changes.
+    """
+    filled = np.zeros_like(is_open)
+    filled.flat[first] = True
+    while True:
+        before = int(filled.sum())
+        for cells, free in ((filled, is_open), (filled.T, is_open.T)):
+            for row in range(1, len(cells)):
+                cells[row] |= cells[row - 1] & free[row]
+            for row in range(len(cells) - 2, -1, -1):
+                cells[row] |= cells[row + 1] & free[row]
+        if int(filled.sum()) == before:
+            return filled
