@@ -74,7 +74,8 @@ class TrainingRecording:
             path.open("wb").close()
         except OSError as error:
             raise UsageError(f"cannot write {path}: {error.strerror}") from error
-        self._stream.set_sinks(rr.FileSink(str(path)), default_blueprint=_blueprint(city))
+        self._stream.set_sinks(rr.FileSink(str(path)))
+        self._stream.send_blueprint(_blueprint(city))
         self._stream.set_log_time_enabled(False)
         self._stream.send_recording_name(f"{record.preset} {record.stage} seed {record.seed}")
         draw_map(self._stream, city)

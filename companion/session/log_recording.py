@@ -44,7 +44,8 @@ def write_log_recording(
     """
     stream = rr.RecordingStream(LOG_APPLICATION, recording_id=start.session_id)
     stream.set_log_time_enabled(False)
-    stream.set_sinks(rr.FileSink(path), default_blueprint=log_blueprint(start))
+    stream.set_sinks(rr.FileSink(path))
+    stream.send_blueprint(log_blueprint(start))
     stream.send_recording_name(start.map.name)
     stream.send_recording_start_time_nanos(start.start_utc_us * 1000)
     stream.send_property("map", rr.AnyValues(name=start.map.name))

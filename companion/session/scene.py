@@ -18,6 +18,7 @@ from companion.session.records import MapRecord, Mark
 VEHICLE_SIZE = 0.022
 """Arm of the drawn vehicle as a fraction of the map's longest side."""
 _ALARMING = ("closest", "stood down", "holding", "contact")
+_TO_WHAT = " to an obstacle"
 _LEAVING = "handing over"  # to be read as: this is why
 _MARK_ROOM = 0.06  # of the map's edge
 _CIRCLE = 24  # corners of a drawn circle
@@ -90,7 +91,7 @@ def marks(records: Sequence[Mark], edge_m: float) -> rr.Points3D:
 
 def _short(label: str) -> str:
     """Return a label, ``phase [reason]``, in as few words as tell it: labels hide each other."""
-    phase, _, code = label.partition(" [")
+    phase, _, code = label.removesuffix(_TO_WHAT).partition(" [")
     reason = code.rstrip("]").replace("_", " ")
     if phase == _LEAVING:
         return reason

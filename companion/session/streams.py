@@ -93,7 +93,8 @@ def file_output(folder: Path) -> RerunOutput:
         # A footer would keep a part of every chunk in memory until the end: some 300 MB an hour.
         # The rewriting after the flight makes one.
         sink = rr.FileSink(folder / RECORDING, write_footer=False)
-        stream.set_sinks(sink, default_blueprint=blueprint(start, live=False))
+        stream.set_sinks(sink)
+        stream.send_blueprint(blueprint(start, live=False))
         return stream
 
     return RerunOutput(RECORDING, open_file, _FILE_PERIOD_S, Sync(folder / RECORDING))
@@ -106,7 +107,8 @@ def live_output(announce: Callable[[str], None]) -> RerunOutput:
         stream = _stream(start)
         port = free_port(_DEFAULT_PORT)
         sink = rr.GrpcServerSink(LOOPBACK, port, server_memory_limit=_LIVE_MEMORY)
-        stream.set_sinks(sink, default_blueprint=blueprint(start, live=True))
+        stream.set_sinks(sink)
+        stream.send_blueprint(blueprint(start, live=True))
         announce(sink.uri)
         return stream
 
@@ -120,7 +122,8 @@ def write_map(path: Path, city: MapRecord) -> None:
         OSError: If the file cannot be created.
     """
     stream = rr.RecordingStream(f"{_APPLICATION}-map")
-    stream.set_sinks(rr.FileSink(path), default_blueprint=map_blueprint(city))
+    stream.set_sinks(rr.FileSink(path))
+    stream.send_blueprint(map_blueprint(city))
     draw_map(stream, city)
     stream.disconnect()
 

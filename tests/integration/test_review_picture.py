@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun.blueprint as rrb
 import shapely
 from PIL import Image
 from rerun.chunk import RrdReader
@@ -275,7 +276,12 @@ def test_what_the_review_found_lies_over_the_recording(session, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_viewer_follows_a_flight_live(tmp_path, vulkan):
+def test_a_viewer_follows_a_flight_live(tmp_path, vulkan, monkeypatch):
+    """In our layout, whichever the viewer has kept of an earlier one."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    kept = tmp_path / "data" / "rerun" / "blueprints" / "companion.rbl"
+    kept.parent.mkdir(parents=True)
+    rrb.Blueprint(rrb.TextDocumentView(name="Kept"), auto_views=False).save("companion", str(kept))
     recorder = Recorder(tmp_path, live="serve")
     records = [record for record in fly(20.0) if not isinstance(record, SessionEnd)]
     recorder.put(records[0])

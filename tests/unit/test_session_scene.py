@@ -131,6 +131,6 @@ def test_marks_of_one_place_share_a_label_and_say_nothing_twice():
     points = marks(records, 100.0)
     assert points.labels.as_arrow_array().to_pylist() == [
         "engaged",
-        "stood down: failsafe\nclosest to an obstacle",
+        "stood down: failsafe\nclosest",
         "no progress",
     ]
