@@ -183,7 +183,8 @@ class CityWorld:
         )
 
     @property
-    def _known_target_enu_m(self) -> FloatArray:
+    def known_target_enu_m(self) -> FloatArray:
+        """Where the vehicles believe their targets are; not to be written into, ``(N, 3)``."""
         return self._target_enu_m if self._flown is None else self._flown.target_enu_m
 
     @property
@@ -195,7 +196,7 @@ class CityWorld:
     def aim_enu_m(self) -> FloatArray:
         """What angles are measured from and the view is turned to: the way's aim, or the target."""
         ahead = self._way_ahead()
-        return self._known_target_enu_m if ahead is None else ahead.aim_enu_m
+        return self.known_target_enu_m if ahead is None else ahead.aim_enu_m
 
     def map_of(self, world: int) -> Map:
         """Return the map that one of the worlds lies on."""
@@ -304,8 +305,8 @@ class CityWorld:
         if self._flown is not None:
             self._flown.look(motion.estimate_enu_m, motion.velocity_enu_mps, self._target_enu_m)
         if self._guides is not None:
-            self._guides.follow(self._known_target_enu_m)
-            self._ahead = self._guides.ahead(self.estimate_enu_m, self._known_target_enu_m)
+            self._guides.follow(self.known_target_enu_m)
+            self._ahead = self._guides.ahead(self.estimate_enu_m, self.known_target_enu_m)
         # Who is shown the way round is paid along it: hovering before a wall pays nothing then.
         left_m = distance_m if self._ahead is None else np.maximum(distance_m, self._ahead.left_m)
         reward = self.reward.of(
@@ -413,7 +414,7 @@ class CityWorld:
             self._flown.rng.bit_generator.state = state["own_rng"]
         if self._guides is not None:
             self._guides.restore()
-            self._ahead = self._guides.ahead(self.estimate_enu_m, self._known_target_enu_m)
+            self._ahead = self._guides.ahead(self.estimate_enu_m, self.known_target_enu_m)
         return self._observe()
 
     def _arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -481,7 +482,7 @@ class CityWorld:
             self.layout,
             position_enu_m=self.estimate_enu_m[worlds],
             velocity_enu_mps=self._measured_enu_mps[worlds],
-            target_enu_m=self._known_target_enu_m[worlds],
+            target_enu_m=self.known_target_enu_m[worlds],
             map=self._terrain.under(worlds),
             ahead=self._look_ahead_from(worlds),
         )
@@ -496,7 +497,7 @@ class CityWorld:
         """Return the way ahead of worlds that have just been restarted, and note it."""
         if self._guides is None:
             return None
-        target_enu_m = self._known_target_enu_m[worlds]
+        target_enu_m = self.known_target_enu_m[worlds]
         if self._guides.pool_enu_m is None:
             self._guides.lead(worlds, target_enu_m)
         ahead = self._guides.ahead(self.estimate_enu_m[worlds], target_enu_m, worlds)
@@ -511,7 +512,7 @@ class CityWorld:
             self.layout,
             position_enu_m=self.estimate_enu_m,
             velocity_enu_mps=self._measured_enu_mps,
-            target_enu_m=self._known_target_enu_m,
+            target_enu_m=self.known_target_enu_m,
             map=self._terrain.whole,
             ahead=self._ahead,
         )

@@ -58,7 +58,7 @@ class PotentialField:
         """Return the actions of one step, ``(N, 3)``."""
         position_m = world.estimate_enu_m
         share = _speed_share(world)
-        attraction = _unit(world.target_enu_m - position_m) * share
+        attraction = _unit(world.known_target_enu_m - position_m) * share
         away_m = np.clip(position_m - world.nearest_surface(position_m), -_FAR_M, _FAR_M)
         distance_m = np.maximum(_length(away_m), _TOUCH_M)
         eta = self.balance_m**2 / (1.0 / self.balance_m - 1.0 / self.influence_m)
@@ -74,7 +74,7 @@ BASELINES: dict[str, Policy] = {"planner": fly_the_way, "potential_field": Poten
 
 def _speed_share(world: CityWorld) -> FloatArray:
     """Return what share of full speed is flown at this distance from the target, ``(N, 1)``."""
-    left_m = _length(world.target_enu_m - world.estimate_enu_m)
+    left_m = _length(world.known_target_enu_m - world.estimate_enu_m)
     return np.minimum(left_m / SLOW_M, 1.0)
 
 

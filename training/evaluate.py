@@ -68,7 +68,7 @@ class Evaluation(msgspec.Struct, frozen=True):
 
 def fly_straight(world: CityWorld, observation: Float32Array) -> FloatArray:
     """Fly straight at the target: the floor that says how hard the cases are."""
-    position_enu_m, target_enu_m = world.estimate_enu_m, world.target_enu_m
+    position_enu_m, target_enu_m = world.estimate_enu_m, world.known_target_enu_m
     return displacement_to_action(
         target_enu_m - position_enu_m,
         world.scaling,
