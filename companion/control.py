@@ -263,10 +263,11 @@ class Flight:
             target=target.tier,
             target_age_s=0.0 if known is None else target.age_s,
             target_moving=_speed_mps(target.velocity_enu_mps) > MOVING_TARGET_MPS,
+            target_off_map_m=0.0 if known is None else mission.map.outside_m(known),
             distance_m=distance_m,
             arrived=trusted and distance_m is not None and distance_m < ARRIVAL_RADIUS_M,
             height_m=0.0 if pose is None else pose.height_m,
-            waiting_for=waiting_for(state, pose, mission.target, target),
+            waiting_for=waiting_for(mission.map, state, pose, mission.target, target),
             refusal=refusal(
                 mission.map,
                 pose,

@@ -227,7 +227,7 @@ def _reasons(
     residual_m: float | None,
 ) -> list[str]:
     """Return everything that stands against a flight, the most basic first."""
-    missing = waiting_for(heard.state, heard.pose, heard.source, heard.target)
+    missing = waiting_for(city, heard.state, heard.pose, heard.source, heard.target)
     refused = refusal(
         city, heard.pose, heard.target, takeoff_m=config.takeoff, margin_m=config.margin
     )

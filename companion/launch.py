@@ -1,5 +1,6 @@
 """What a flight and its replay have in common: from the options to the summary of the loop."""
 
+import contextlib
 import logging
 from collections.abc import Callable
 
@@ -138,6 +139,7 @@ def fly(
         return flight.finish(Outcome.STOPPED, Reason.SIGNAL, words)
     except Exception:
         _LOG.exception("internal error in the control loop; asking the vehicle to hold")
-        flight.abandon()
+        with contextlib.suppress(LinkLostError):
+            flight.abandon()
         words = "internal error in the control loop"
         return flight.finish(Outcome.FAILED, Reason.INTERNAL, words)

@@ -3,7 +3,12 @@
 import numpy as np
 
 from companion.arrays import FloatArray
-from companion.guidance.limits import ARRIVAL_RADIUS_M, BATTERY_ENGAGE, POSITION_STALE_SOFT_S
+from companion.guidance.limits import (
+    ARRIVAL_RADIUS_M,
+    BATTERY_ENGAGE,
+    OFF_MAP_M,
+    POSITION_STALE_SOFT_S,
+)
 from companion.guidance.shield import ShieldLimits
 from companion.guidance.target import TargetEstimate
 from companion.positions import Pose, TargetSource
@@ -32,7 +37,11 @@ _AROUND_M = _around()
 
 
 def waiting_for(
-    state: VehicleState | None, pose: Pose | None, source: TargetSource, target: TargetEstimate
+    city: Map,
+    state: VehicleState | None,
+    pose: Pose | None,
+    source: TargetSource,
+    target: TargetEstimate,
 ) -> str:
     """Return what is still missing for a flight and may yet come."""
     if state is None:
@@ -45,6 +54,10 @@ def waiting_for(
         if source.system_id is not None:
             return f"no position of target system {source.system_id} yet"
         return "no origin from the vehicle yet (GPS_GLOBAL_ORIGIN) to place the target"
+    if source.system_id is not None and target.position_enu_m is not None:
+        outside_m = city.outside_m(target.position_enu_m)
+        if outside_m > OFF_MAP_M:
+            return f"target system {source.system_id} is {outside_m:.0f} m outside map {city.name}"
     return ""
 
 

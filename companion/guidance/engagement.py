@@ -93,13 +93,16 @@ class Engagement:
     def idle_stream(self, s: Situation, phase: Phase) -> Stream:
         """Return zero velocity where the autopilot wants a stream before the mode, else nothing.
 
-        Never during a failsafe: PX4 would leave it and come back to OFFBOARD by itself.
+        Never during a failsafe: PX4 would leave it and come back to OFFBOARD by itself. Nor while
+        it waits on the ground, where nothing can be engaged: PX4 would show OFFBOARD again after
+        the landing that a failsafe led to.
         """
         v = s.vehicle
         if not self._plan.stream_before_external or self._plan.shadow or v is None:
             return Stream.NOTHING
-        others = phase is Phase.READY and v.armed and v.mode is FlightMode.EXTERNAL
-        if v.system_status >= SystemStatus.CRITICAL or others:
+        others = v.armed and v.mode is FlightMode.EXTERNAL
+        unwanted = phase is Phase.READY and (others or not airborne(v))
+        if v.system_status >= SystemStatus.CRITICAL or unwanted:
             self._stream_since_s = None
             return Stream.NOTHING
         if self._stream_since_s is None:

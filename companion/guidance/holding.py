@@ -27,6 +27,9 @@ def why_hold(s: Situation, frame_settled_s: float) -> tuple[Reason, str] | None:
         return Reason.FRAME_MOVED, "the local frame has moved"
     if s.frame_untied:
         return Reason.FRAME_UNTIED, s.frame_untied
+    if s.target_off_map_m > OFF_MAP_M:
+        words = f"the target is {s.target_off_map_m:.0f} m outside the map"
+        return Reason.TARGET_OUTSIDE, words
     if s.waiting_for:
         return Reason.FRAME_UNTIED, s.waiting_for
     if s.off_map_m > OFF_MAP_M:

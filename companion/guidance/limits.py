@@ -22,7 +22,8 @@ NO_PROGRESS_S = 60.0
 PROGRESS_M = 1.0
 OFF_MAP_M = 10.0
 """Gusts and noise may carry a vehicle out of the box by a metre or two, and the shield leads it
-back; farther out it was flown by somebody else, or does not know where it is."""
+back; farther out it was flown by somebody else, or does not know where it is. A target so far
+outside is not followed."""
 FRAME_SETTLE_S = 1.0
 """Zero velocity after the local frame has moved, while the new tie is looked at."""
 POLICY_FAILURES = 3

@@ -61,6 +61,8 @@ class Reason(StrEnum):
     FRAME_UNTIED = "frame_untied"
     """Local and global position contradict each other, or an origin is missing."""
     TARGET_SILENT = "target_silent"
+    TARGET_OUTSIDE = "target_outside"
+    """It has left the map: there is nothing to fly to."""
     POLICY_UNUSABLE = "policy_unusable"
     BATTERY_LOW = "battery_low"
     NO_PROGRESS = "no_progress"

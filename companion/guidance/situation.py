@@ -93,6 +93,8 @@ class Situation:
     target_moving: bool = False
     target_changed: bool = False
     """Somebody has sent us another target."""
+    target_off_map_m: float = 0.0
+    """How far outside the box of the map the target is; 0 inside."""
     arrived: bool = False
     height_m: float = 0.0
     """Above the place of take-off."""

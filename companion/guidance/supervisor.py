@@ -268,7 +268,7 @@ class Supervisor:
             self._holding_since_s = s.now_s
         if s.now_s - self._holding_since_s > HOLDING_LIMIT_S:
             outcome = Outcome.POSITION_LOST
-            if code is Reason.TARGET_SILENT:
+            if code in (Reason.TARGET_SILENT, Reason.TARGET_OUTSIDE):
                 outcome = Outcome.TARGET_LOST
             return self._end(s, outcome, code, f"{words} for {HOLDING_LIMIT_S:.0f} s")
         if self._phase is not Phase.HOLDING or self._code is not code:

@@ -124,6 +124,8 @@ ROWS = (
     Row("the battery is at 10 %", fault("kind=battery_low,level=0.1"), "*", None, 1.2),
     Row("the target falls silent", fault("kind=target_stale"),
         "target_lost target_silent", 4, 2.2, pursues=True),
+    Row("the target is far outside the map", fault("kind=target_jump,east=400"),
+        "target_lost target_outside", 4, 1.2, pursues=True),
     Row("the target is at (0, 0)", changes("GLOBAL_POSITION_INT", lat=0, lon=0),
         "target_lost target_silent", 4, 2.2, pursues=True),
     Row("the target repeats itself", fault("kind=target_freeze"),

@@ -4,12 +4,17 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from companion.control import Flight, Mission
+from companion.guidance.shield import Shield, ShieldLimits
+from companion.guidance.situation import Plan
 from companion.link.autopilots import Px4
+from companion.link.messages import velocity_of
+from companion.link.opening import attach
 from companion.positions import TargetSource
 from companion.world.frames import LocalTie
 from sim.mock.placement import place_vehicle
 from sim.mock.px4.personality import PX4
-from tests.integration.flown import BOTH, ENV1, WALKER, Flown, hears, message_id
+from tests.integration.flown import BOTH, ENV1, WALKER, Flown, dies, hears, message_id
 
 
 @pytest.fixture
@@ -62,6 +67,35 @@ def test_a_signal_while_arming_leaves_nothing_armed(actor, autopilot):
     assert flown.end == ("stopped", 130)
     assert not flown.vehicle.autopilot.armed
     assert "not confirmed" not in flown.summary.reason
+
+
+@pytest.mark.parametrize("autopilot", BOTH)
+def test_started_again_after_it_died_in_flight_it_waits_for_the_pilot(actor, autopilot):
+    """A stream that resumes would take the vehicle out of its failsafe: PX4 does that by itself."""
+    flown = Flown(actor, happens=dies, autopilot=autopilot)
+    wire = flown.wire
+    started_s = wire.time_s
+    wire.killed, wire.on_tick = False, lambda: None
+    link = attach(wire, url="bench", now=wire.now)
+    flight = Flight(
+        link,
+        Mission(
+            map=ENV1,
+            actor=flown.actor,
+            plan=Plan(stream_before_external=link.info.needs_stream_before_external),
+            target=TargetSource(np.array([66.0, 10.0, 6.0])),
+            v_max_mps=4.0,
+            rate_hz=20.0,
+        ),
+        Shield(ENV1, ShieldLimits(v_max_mps=4.0)),
+        record=lambda record: None,
+        stop_requested=lambda: wire.time_s > started_s + 20.0,
+    )
+    assert flight.run().outcome == "stopped"
+    again = [velocity_of(frame) for time_s, frame in wire.sent if time_s > started_s]
+    assert all(velocity is None for velocity in again), "a stream that nobody needs yet"
+    modes = [mode for time_s, mode in flown.vehicle.report()["timeline"] if time_s > started_s]
+    assert not any("OFFBOARD armed" in mode for mode in modes)
 
 
 def reposition(enu_m):

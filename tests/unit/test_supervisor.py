@@ -575,6 +575,7 @@ EVENTS = {
     "policy broken": ({}, {"policy_failures": 9}),
     "frame moved": ({}, {"frame_moved": True}),
     "position frozen": ({}, {"position_frozen": True}),
+    "target outside the map": ({}, {"target_off_map_m": rules.OFF_MAP_M + 0.1}),
     "outside the map": ({}, {"off_map_m": rules.OFF_MAP_M + 0.1}),
     "estimator lost": ({"position_valid": False}, {"waiting_for": "the estimator"}),
     "position stale": ({"time_s": 0.0}, {}),
