@@ -16,6 +16,7 @@ from companion.errors import CompanionError, LinkOpenError
 from companion.link.opening import connect
 from companion.session.viewer import headless_viewer
 from companion.vehicle import FlightMode, LandedState, RequestKind, RequestState, SystemStatus
+from tests.integration.running import Run
 
 MOCK_SPEED = 4
 """Simulated seconds per second."""
@@ -204,3 +205,21 @@ def vulkan():
             ViewerClient.connect(address).get_state()
     except CompanionError as error:
         pytest.skip(str(error))
+
+
+@pytest.fixture
+def run(tmp_path):
+    runs = []
+
+    def start(*options, **how):
+        runs.append(Run(*options, record=tmp_path / "sessions", **how))
+        return runs[-1]
+
+    yield start
+    for started in runs:
+        if started.process.poll() is None:
+            started.process.kill()
+            started.process.wait()
+        started._reader.join(5.0)
+        started.process.stdout.close()
+        started.process.stderr.close()

@@ -3,76 +3,20 @@
 import contextlib
 import json
 import os
-import re
 import resource
 import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
 import pytest
 from pymavlink import mavutil
-from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-COMPANION = [sys.executable, "-m", "companion.cli"]
+from tests.integration.running import COMPANION, free_port
+
 MOCK = [sys.executable, "-m", "sim.mock", "--autopilot", "px4"]
-
-
-def free_port(kind=socket.SOCK_DGRAM):
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-class Run:
-    """One ``companion run --json`` in a process of its own."""
-
-    def __init__(self, *options, record, **how):
-        self.process = subprocess.Popen(
-            [*COMPANION, "run", "--json", "--record", str(record), *map(str, options)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            **how,
-        )
-        self.log = []
-        self._reader = threading.Thread(target=lambda: self.log.extend(self.process.stderr))
-        self._reader.start()
-
-    def wait_for(self, words, timeout_s=30.0):
-        deadline = time.monotonic() + timeout_s
-        while not any(words in line for line in self.log):
-            assert time.monotonic() < deadline, f"never said {words!r}:\n{''.join(self.log)}"
-            assert self.process.poll() is None, "".join(self.log)
-            time.sleep(0.05)
-
-    def finish(self, timeout_s=90.0):
-        out = self.process.stdout.read()
-        self.process.wait(timeout_s)
-        self._reader.join(5.0)
-        assert "Traceback" not in "".join(self.log)
-        return json.loads(out) if out else None
-
-
-@pytest.fixture
-def run(tmp_path):
-    runs = []
-
-    def start(*options, **how):
-        runs.append(Run(*options, record=tmp_path / "sessions", **how))
-        return runs[-1]
-
-    yield start
-    for started in runs:
-        if started.process.poll() is None:
-            started.process.kill()
-            started.process.wait()
-        started._reader.join(5.0)
-        started.process.stdout.close()
-        started.process.stderr.close()
 
 
 @pytest.fixture
@@ -201,121 +145,6 @@ def test_killed_outright_the_recording_still_opens(run, mock, constant_actor, tm
     assert "Traceback" not in text.stderr
 
 
-def heartbeat(system_id, autopilot=dialect.MAV_AUTOPILOT_PX4):
-    mavlink = dialect.MAVLink(None, system_id, 1)
-    return dialect.MAVLink_heartbeat_message(2, autopilot, 0x1D, 0x03040000, 3, 3).pack(mavlink)
-
-
-class Chatter(threading.Thread):
-    """Sends datagrams to a port, ten times a second, until it is stopped."""
-
-    def __init__(self, port, *datagrams):
-        super().__init__(daemon=True)
-        self.port, self.datagrams, self.over = port, datagrams, threading.Event()
-
-    def run(self):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-            while not self.over.wait(0.1):
-                for data in self.datagrams:
-                    out.sendto(data, ("127.0.0.1", self.port))
-
-
-@pytest.fixture
-def chatter():
-    started = []
-
-    def start(port, *datagrams):
-        started.append(Chatter(port, *datagrams))
-        started[-1].start()
-
-    yield start
-    for thread in started:
-        thread.over.set()
-        thread.join(5.0)
-
-
-def refused(started):
-    """Return what a refused run said: one line on stderr, JSON with the same code."""
-    summary = started.finish()
-    assert summary["exit_code"] == started.process.returncode
-    complaints = [line for line in started.log if line.startswith("companion: ")]
-    assert len(complaints) == 1, started.log
-    assert summary["session_dir"] is None
-    return started.process.returncode, complaints[0]
-
-
-def test_nobody_on_the_link(run, constant_actor):
-    started = run("--connect", f"udp:127.0.0.1:{free_port()}", "--actor", constant_actor())
-    code, line = refused(started)
-    assert code == 4
-    assert "heard" in line
-
-
-def test_garbage_on_the_link(run, chatter, constant_actor):
-    port = free_port()
-    chatter(port, bytes(range(256)), b"\xfd\xff\x00" * 50)
-    started = run("--connect", f"udp:127.0.0.1:{port}", "--actor", constant_actor())
-    code, line = refused(started)
-    assert code == 4
-    assert re.search(r"MAVLink", line)
-
-
-def test_two_autopilots_need_a_choice(run, chatter, constant_actor):
-    port = free_port()
-    chatter(port, heartbeat(1), heartbeat(7))
-    started = run("--connect", f"udp:127.0.0.1:{port}", "--actor", constant_actor())
-    code, line = refused(started)
-    assert code == 5
-    assert "--vehicle-sysid" in line
-    assert "1" in line
-    assert "7" in line
-
-
-def test_port_in_use(run, constant_actor):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        started = run(
-            "--connect", f"udp:127.0.0.1:{taken.getsockname()[1]}", "--actor", constant_actor()
-        )
-        assert refused(started)[0] == 3
-
-
-@pytest.mark.parametrize(
-    ("options", "code", "says"),
-    [
-        (["--connect", "carrier-pigeon:1"], 2, "udp:"),
-        (["--connect", "mock:px4", "--map", "atlantis"], 5, "atlantis"),
-        (["--connect", "mock:px4", "--actor", "nobody"], 5, "nobody"),
-        (["--connect", "mock:px4", "--map", "env1", "--target", "50,48,20"], 5, "obs2"),
-        (["--connect", "mock:px4", "--map", "env1", "--target", "50,480,20"], 5, "outside"),
-        (
-            ["--connect", "mock:px4", "--map", "env1", "--target", "11,68,9", "--margin", "8"],
-            5,
-            "reach",
-        ),
-        (["--connect", "mock:px4", "--target", "50,48"], 2, "--target"),
-        (["--connect", "mock:px4", "--v-max", "90"], 2, "--v-max"),
-    ],
-)
-def test_bad_options_are_refused_before_anything_is_opened(
-    run, constant_actor, options, code, says
-):
-    if "--actor" not in options:
-        options = [*options, "--actor", constant_actor()]
-    got, line = refused(run(*options))
-    assert got == code
-    assert says in line
-
-
-def test_truncated_and_foreign_actor_files(run, tmp_path, constant_actor):
-    whole = constant_actor().read_bytes()
-    for name, data in {"cut.onnx": whole[: len(whole) // 2], "not.onnx": b"MZ" * 500}.items():
-        (tmp_path / name).write_bytes(data)
-        code, line = refused(run("--connect", "mock:px4", "--actor", tmp_path / name))
-        assert code == 5
-        assert name in line
-
-
 def test_speed_is_capped_by_what_the_vehicle_does_without_us(run, constant_actor):
     """PX4's defaults: 1 s on, then braking; 2.6 m/s keep that within 5 m."""
     started = run(
@@ -376,21 +205,6 @@ def test_a_full_disk_and_two_interrupts_in_flight(run, mock, constant_actor):
     assert set(summary) >= SUMMARY_KEYS
     assert summary["setpoints_sent"] > 20
     assert json.loads((Path(summary["session_dir"]) / "summary.json").read_text()) == summary
-
-
-@pytest.mark.parametrize("place", ["/proc/nowhere", __file__])
-def test_a_recording_that_cannot_be_written_is_noticed_before_the_link_is_opened(
-    constant_actor, place
-):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        url = f"udp:127.0.0.1:{taken.getsockname()[1]}"
-        started = Run("--connect", url, "--actor", constant_actor(), record=place)
-        code, line = refused(started)
-        started.process.stdout.close()
-        started.process.stderr.close()
-    assert code == 2
-    assert "--record" in line
 
 
 def test_under_systemd_with_a_log_that_nobody_reads(mock, constant_actor, tmp_path):
