@@ -13,6 +13,7 @@ import numpy as np
 from companion.announcing import Announcer
 from companion.arrays import FloatArray
 from companion.commands import Commands
+from companion.guidance.drift import CALM, DriftObserver
 from companion.guidance.envelope import Envelope
 from companion.guidance.freeze import FreezeDetector
 from companion.guidance.guidance import Proposal, propose
@@ -52,6 +53,8 @@ RATES_PERIOD_S = 1.0
 _ZERO = np.zeros(3)
 _OURS = (Phase.ENGAGED, Phase.HOLDING, Phase.HANDING_OVER)
 """While the vehicle is ours to keep clear of things."""
+_SHIELDED_HOLDS = (Reason.TARGET_SILENT, Reason.POLICY_UNUSABLE)
+"""The vehicle still knows where it is: the zero of these holds goes through the shield."""
 _MARKED = (Phase.ENGAGED, Phase.HANDING_OVER, Phase.STOOD_DOWN)
 """What gets a label on the map."""
 
@@ -123,11 +126,13 @@ class Flight:
         self._surroundings = Neighbourhood(mission.map)
         self._guide = Guide(mission.map, mission.actor.contract.layout)
         self._envelope = Envelope(mission.actor.contract, mission.v_max_mps)
+        self._observer, self._drift = DriftObserver(), CALM
+        self._seen_s = self._start_s
+        self._sent_enu_mps: FloatArray | None = None
         self._supervisor = Supervisor(mission.plan, now_s=self._start_s)
         self._metrics = Metrics(start_s=self._start_s, rate_hz=mission.rate_hz)
         self._proposed: _Proposed | None = None
         self._freeze = FreezeDetector()
-        self._commanded_mps = 0.0
         self._policy_failures = 0
         self._heartbeat_due_s = self._start_s
         self._rates_due_s = self._start_s
@@ -192,9 +197,10 @@ class Flight:
         directive = self._supervisor.update(situation)
         if directive.request is not None:
             self._vehicle.request(directive.request, altitude_m=self._mission.plan.takeoff_m)
+        self._observe(state, pose)
         decision = self._guard(directive, pose, proposal)
         sent = self._send(directive, decision)
-        self._commanded_mps = 0.0 if sent is None else _speed_mps(sent)
+        self._sent_enu_mps = sent
         sent_s = self._vehicle.now_s()
         if now_s >= self._heartbeat_due_s:
             self._vehicle.send_heartbeat(directive.health)
@@ -225,6 +231,7 @@ class Flight:
                 lateness_ms=1e3 * (now_s - deadline_s),
                 rates_hz=self._rates_hz(now_s),
                 speed_cap_mps=self._envelope.cap_mps,
+                drift=self._drift,
             )
         )
         self._watch(now_s, directive, pose, proposal, sent)
@@ -309,14 +316,34 @@ class Flight:
     def _guard(
         self, directive: Directive, pose: Pose | None, proposal: Proposal | None
     ) -> ShieldDecision | None:
-        """Return what the shield makes of the proposal, while the policy flies."""
-        if directive.stream is not Stream.POLICY or pose is None or proposal is None:
+        """Return what the shield makes of the proposal, or of a hold; ``None`` if not asked."""
+        if pose is None:
+            return None
+        if directive.stream is Stream.POLICY and proposal is not None:
+            wanted_enu_mps = self._envelope.limited(proposal.velocity_enu_mps)
+        elif directive.phase is Phase.HOLDING and directive.code in _SHIELDED_HOLDS:
+            wanted_enu_mps = _ZERO
+        else:
             return None
         return self._shield.check(
-            self._envelope.limited(proposal.velocity_enu_mps),
+            wanted_enu_mps,
             position_enu_m=pose.position_enu_m,
             velocity_now_enu_mps=pose.velocity_enu_mps,
+            drift=self._drift,
         )
+
+    def _observe(self, state: VehicleState | None, pose: Pose | None) -> None:
+        """Compare a new velocity with what was sent before it: what is left is drift."""
+        if state is None or pose is None or state.time_s <= self._seen_s:
+            return
+        follows = state.mode is FlightMode.EXTERNAL
+        self._drift = self._observer.update(
+            pose.velocity_enu_mps,
+            self._sent_enu_mps if follows else None,
+            self._shield.braking,
+            dt_s=state.time_s - self._seen_s,
+        )
+        self._seen_s = state.time_s
 
     def _send(self, directive: Directive, decision: ShieldDecision | None) -> FloatArray | None:
         """Send at most one setpoint; return its velocity on the map, ``None`` if none left."""
@@ -394,7 +421,7 @@ class Flight:
             state.position_ned_m,
             state.velocity_ned_mps,
             time_s=state.time_s,
-            commanded_mps=self._commanded_mps,
+            commanded_mps=0.0 if self._sent_enu_mps is None else _speed_mps(self._sent_enu_mps),
         )
 
     def _rates_hz(self, now_s: float) -> Mapping[str, float] | None:

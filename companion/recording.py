@@ -6,6 +6,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import SupportsFloat
 
 from companion.arrays import FloatArray
+from companion.guidance.drift import Drift
 from companion.guidance.guidance import Proposal
 from companion.guidance.shield import ShieldDecision
 from companion.guidance.situation import Directive, Situation
@@ -31,6 +32,7 @@ def tick_record(
     lateness_ms: float,
     rates_hz: Mapping[str, float] | None,
     speed_cap_mps: float | None,
+    drift: Drift,
 ) -> Tick:
     """Return the record of one turn; times are relative to ``start_s``."""
     state, now_s = situation.vehicle, situation.now_s
@@ -62,6 +64,8 @@ def tick_record(
         lateness_ms=lateness_ms,
         rates_hz=rates_hz,
         speed_cap_mps=speed_cap_mps,
+        drift_enu_mps=_list(drift.velocity_enu_mps) if drift.velocity_enu_mps.any() else None,
+        gust_mps=drift.gust_mps,
     )
 
 

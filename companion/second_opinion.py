@@ -13,8 +13,10 @@ import msgspec
 import numpy as np
 
 from companion import clock
+from companion.guidance.drift import Drift
 from companion.guidance.guidance import propose
 from companion.guidance.guide import Guide
+from companion.guidance.situation import Phase
 from companion.launch import flight_shield
 from companion.policy.actor import Actor
 from companion.recording import actor_record
@@ -82,10 +84,14 @@ class Opinion:
             spherical=list(proposal.spherical),
             proposed_enu_mps=_list(proposal.velocity_enu_mps),
         )
-        if tick.clearance_m is None:  # the shield was not asked: the policy did not fly
+        if tick.clearance_m is None or tick.supervisor == Phase.HOLDING:  # the policy did not fly
             return now
+        drift_mps = np.zeros(3) if tick.drift_enu_mps is None else np.array(tick.drift_enu_mps)
         decision = self._shield.check(
-            proposal.velocity_enu_mps, position_enu_m=position, velocity_now_enu_mps=velocity
+            proposal.velocity_enu_mps,
+            position_enu_m=position,
+            velocity_now_enu_mps=velocity,
+            drift=Drift(drift_mps, tick.gust_mps),
         )
         self.interventions_then += tick.intervened
         self.interventions_now += decision.intervened

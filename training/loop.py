@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from companion.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from companion.guidance.drift import DriftObserver
 from companion.guidance.shield import Shield, ShieldLimits
 from companion.policy.action import (
     ActionScaling,
@@ -198,11 +199,15 @@ class Guard:
                 shields[city.name] = Shield(city, limits)
         self._shields = [shields[world.map_of(n).name] for n in range(world.num_worlds)]
         self.margin_m = limits.margin_m
+        self._observers = [DriftObserver() for _ in self._shields]
+        self._sent_enu_mps = np.zeros((world.num_worlds, 3))
         self.interventions = 0
 
     def take(self, rows: IntArray) -> None:
         """Keep the shields of some worlds."""
         self._shields = [self._shields[row] for row in rows]
+        self._observers = [self._observers[row] for row in rows]
+        self._sent_enu_mps = self._sent_enu_mps[rows]
 
     def check(self, world: CityWorld, action: Float32Array | FloatArray) -> FloatArray:
         """Return the velocities to send, ``(N, 3)``."""
@@ -220,9 +225,13 @@ class Guard:
                 wanted_mps[row],
                 position_enu_m=position_m[row],
                 velocity_now_enu_mps=velocity_mps[row],
+                drift=self._observers[row].update(
+                    velocity_mps[row], self._sent_enu_mps[row], shield.braking, dt_s=world.dt_s
+                ),
             )
             sent_mps[row] = decision.velocity_enu_mps
             self.interventions += decision.intervened
+        self._sent_enu_mps = sent_mps
         return sent_mps
 
 

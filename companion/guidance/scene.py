@@ -5,16 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.arrays import BoolArray, FloatArray
-from companion.guidance.braking import PACES, Braking
+from companion.guidance.braking import Braking
 from companion.guidance.candidates import MAX_WALLS
+from companion.guidance.drift import Drift
 from companion.guidance.hazards import Hazards, crossing
 
 _TOUCH_M = 1e-3
 """Sliding exactly along the margin is not entering it."""
-_SAME_DIRECTION = 0.985
+SAME_DIRECTION = 0.985
 """Cosine (10 degrees) above which two walls count as one."""
 _SHARES = np.linspace(0.0, 1.0, 9)[:, None, None, None, None]
-_NUM_PACES = len(PACES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +25,7 @@ class Scene:
     plane_m: FloatArray
     """Distance of the vehicle to every plane of each hazard, ``(B, F)``."""
     velocity_enu_mps: FloatArray
+    drift: Drift
     braking: Braking
     follow_s: float
     """How long a velocity may be followed before the vehicle can be made to stop."""
@@ -35,9 +36,14 @@ class Scene:
         return np.asarray(self.plane_m.max(axis=1) - self.hazards.keep_m)
 
     def stops(self, velocity_enu_mps: FloatArray) -> "Stops":
-        """Follow each velocity, ``(K, 3)``, for a while, then stop."""
+        """Follow each velocity over ground, ``(K, 3)``, for a while, then stop."""
+        drift_mps = self.drift.velocity_enu_mps
         begin_m, rest_m = self.braking.stopping_paths_m(
-            self.velocity_enu_mps, velocity_enu_mps, follow_s=self.follow_s
+            self.velocity_enu_mps,
+            velocity_enu_mps,
+            follow_s=self.follow_s,
+            drift_enu_mps=drift_mps if drift_mps.any() else None,
+            gust_mps=self.drift.gust_mps,
         )
         ways_m = np.concatenate((begin_m, rest_m), axis=1)
         legs_m = ways_m.reshape(-1, 3) @ self.hazards.normal.reshape(-1, 3).T
@@ -45,7 +51,7 @@ class Scene:
         return Stops(self.hazards.keep_m, self.plane_m, ways_m, legs_m)
 
     def walls(
-        self, proposal_enu_mps: FloatArray, out_mps: FloatArray
+        self, proposal_enu_mps: FloatArray, out_mps: FloatArray, lost: BoolArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return hazards as walls without end, those most in the way of the proposal first.
 
@@ -54,7 +60,8 @@ class Scene:
 
         Args:
             proposal_enu_mps: Shape ``(3,)``.
-            out_mps: Speed away that each hazard demands, ``(B,)``; 0 where it demands none.
+            out_mps: Speed away that each hazard demands whose margin is lost, ``(B,)``.
+            lost: Which those are, ``(B,)``.
 
         Returns:
             Unit normals away from the walls, ``(M, 3)``, and the least speed along each, ``(M,)``,
@@ -62,15 +69,23 @@ class Scene:
         """
         slack_m = self.plane_m - self.hazards.keep_m[:, None]
         nearest = slack_m == slack_m.max(axis=1, keepdims=True)
-        approach_mps = self.braking.approach_speed_mps(slack_m, self.follow_s)
-        free = (slack_m >= 0.0) & (out_mps == 0.0)[:, None]
-        least_mps = np.where(free, -approach_mps, np.where(nearest, out_mps[:, None], np.inf))
+        approach_mps = self.approach_mps(slack_m)
+        free = (slack_m >= 0.0) & ~lost[:, None]
+        # Nothing is built on a drift that leads away: it may end at any moment.
+        away_mps = np.maximum(self.hazards.normal @ self.drift.velocity_enu_mps, 0.0)
+        least_mps = np.where(
+            free, away_mps - approach_mps, np.where(nearest, out_mps[:, None], np.inf)
+        )
         missing_mps = least_mps - self.hazards.normal @ proposal_enu_mps
         rows, plane = np.arange(len(slack_m)), np.argmin(missing_mps, axis=1)
         normal, least = self.hazards.normal[rows, plane], least_mps[rows, plane]
         order = np.argsort(-missing_mps[rows, plane], kind="stable")
         chosen = order[_distinct(normal[order])]
         return normal[chosen], least[chosen]
+
+    def approach_mps(self, slack_m: FloatArray) -> FloatArray:
+        """Return how fast a wall may be approached that is so far, shape as given."""
+        return self.braking.approach_speed_mps(slack_m, self.follow_s, self.drift.gust_mps)
 
     def nearest_normal(self) -> FloatArray:
         """Return the normal of the plane that tells the distance of each hazard, ``(B, 3)``."""
@@ -82,7 +97,7 @@ class Scene:
 class Stops:
     """Ways to a stop after each of ``K`` velocities.
 
-    Each at all ``PACES``: where the stop begins, then where the vehicle comes to rest.
+    Each at all ``P`` paces: where the stop begins, then where the vehicle comes to rest.
     """
 
     keep_m: FloatArray
@@ -90,9 +105,9 @@ class Stops:
     plane_m: FloatArray
     """Distance of the start to every plane, ``(B, F)``."""
     ways_m: FloatArray
-    """From the start, ``(K, 2 * len(PACES), 3)``."""
+    """From the start, ``(K, 2 * P, 3)``."""
     legs_m: FloatArray
-    """Gain of distance to every plane on these ways, ``(K, 2 * len(PACES), B, F)``."""
+    """Gain of distance to every plane on these ways, ``(K, 2 * P, B, F)``."""
 
     def entered(self, grown_m: FloatArray) -> BoolArray:
         """Return which hazards, each grown by ``grown_m`` ``(B,)``, are entered, ``(K, B)``.
@@ -119,30 +134,30 @@ class Stops:
         start_m, change_m = _both_legs(outside_m, self.legs_m)
         slack_m = (start_m + _SHARES * change_m).max(axis=-1).min(axis=(0, 2))
 
-        legs_m = self.ways_m.copy()
-        legs_m[:, _NUM_PACES:] -= legs_m[:, :_NUM_PACES]
+        legs_m, paces = self.ways_m.copy(), self.ways_m.shape[1] // 2
+        legs_m[:, paces:] -= legs_m[:, :paces]
         length_m = np.sqrt(np.einsum("kpi,kpi->kp", legs_m, legs_m))[..., None]
         before, entered = crossing(start_m + self.keep_m[:, None], change_m)
         within_m = np.where(entered, np.maximum(1.0 - before, 0.0) * length_m, 0.0)
         # Who enters before the stop begins is inside for all of the stop, come what may.
-        first, later = within_m[:, :_NUM_PACES], within_m[:, _NUM_PACES:]
-        later = np.where(entered[:, :_NUM_PACES], length_m[:, _NUM_PACES:], later)
+        first, later = within_m[:, :paces], within_m[:, paces:]
+        later = np.where(entered[:, :paces], length_m[:, paces:], later)
         within_m = (first + later).max(axis=1)
         return np.asarray(np.where(entered.any(axis=1), -self.keep_m - within_m, slack_m))
 
 
 def _both_legs(outside_m: FloatArray, legs_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return where both legs of each way start and how much they change, as ``legs_m``."""
-    start_m, change_m = np.empty_like(legs_m), legs_m.copy()
-    start_m[:, :_NUM_PACES] = outside_m
-    np.add(outside_m, legs_m[:, :_NUM_PACES], out=start_m[:, _NUM_PACES:])
-    change_m[:, _NUM_PACES:] -= legs_m[:, :_NUM_PACES]
+    start_m, change_m, paces = np.empty_like(legs_m), legs_m.copy(), legs_m.shape[1] // 2
+    start_m[:, :paces] = outside_m
+    np.add(outside_m, legs_m[:, :paces], out=start_m[:, paces:])
+    change_m[:, paces:] -= legs_m[:, :paces]
     return start_m, change_m
 
 
 def _distinct(normal: FloatArray) -> list[int]:
     """Return the rows, at most ``MAX_WALLS``, that point nowhere an earlier one does."""
-    alike = (normal @ normal.T > _SAME_DIRECTION).tolist()
+    alike = (normal @ normal.T > SAME_DIRECTION).tolist()
     chosen: list[int] = []
     for row, like in enumerate(alike):
         if len(chosen) < MAX_WALLS and not any(like[other] for other in chosen):

@@ -10,9 +10,15 @@ Nearest counts a change of the vertical speed half: over a roof is a way, and sl
 more than half a margin is lost, or will be, what leads out comes first, and the proposal is heard
 for 1 m/s beside it.
 
+A drift that no command explains (``drift``) comes on top of every command, or ends at once: what
+passes is safe either way, and what does not is leant against it. Where there were gusts, a vehicle
+that needs longer to stop than the margin pays for starts to stop earlier. Between two walls nearer
+than two margins it keeps to the middle.
+
 The check is exact, not sampled: under the model a stop is a straight line, and obstacles, ground
 and the faces of the box are convex bodies grown by the margin (``hazards``, ``braking``). It reads
-no clock, draws no random number and remembers nothing but the map.
+no clock, draws no random number and remembers nothing but the map; what it should know of the past
+is in the drift that it is told.
 
 ========================  ==========================================================================
 It assumes                What that means
@@ -30,14 +36,18 @@ an estimate that is near  its error, that of the map and of the frame tie, and t
 It does not cover         What happens
 ========================  ==========================================================================
 what moves                other aircraft, cranes and people are not seen
-wind beyond control       a drift over ground of ``w`` costs ``restore_s * w`` of the margin; air at
-                          3 m/s that nothing leans against was flown in, a lasting drift was not;
-                          air that pushes harder than ``brake_mps2`` takes the vehicle along
+wind beyond control       a drift is known once it is there: a gust of ``w`` that comes beside a
+                          wall takes some ``lag_s * w`` of the margin; with air at 3 m/s and gusts
+                          of 0.5 m/s (standard deviation) 2 m were enough; air that pushes harder
+                          than ``brake_mps2`` takes the vehicle along
+a hand-over               zero is sent while the autopilot takes over, and where position or frame
+                          are in doubt: nothing leans against the wind then (a hold for want of a
+                          target or of a policy goes through the shield)
 the end of the stream     the autopilot flies on for a while (DESIGN 5.5): ``--cap-by-failsafe``
 a wish into a wall        it does not plan: who wants straight through waits, ``BLOCKED``, maybe for
                           ever; the supervisor and the policy must find the way round
 narrow streets            none narrower than two margins is entered; who is inside one may fly
-                          along it, but no nearer to either wall
+                          along it, in the middle
 ========================  ==========================================================================
 """
 
@@ -52,6 +62,8 @@ import numpy.typing as npt
 from companion.arrays import BoolArray, FloatArray
 from companion.guidance.braking import Braking
 from companion.guidance.candidates import fan, nearest_first, within_walls
+from companion.guidance.demands import Demands, demands
+from companion.guidance.drift import CALM, Drift
 from companion.guidance.hazards import Hazards, HazardSquares, Kind
 from companion.guidance.scene import Scene
 from companion.world.maps import Map
@@ -75,6 +87,8 @@ _EMERGENCY_MPS = 1.0
 asks for along a wall is taken from the vehicle's acceleration away from it."""
 _GUSTY = 1.25
 """A vehicle is expected no faster than this times its speed limit; it may be."""
+_GUST_MPS = 1.0
+"""No stronger gusts are expected; they may be."""
 _FIRST = 4
 """Of the candidates, so many are looked at before all others."""
 _ZERO: FloatArray = np.zeros(3)
@@ -185,10 +199,10 @@ class Shield:
 
     def _believe(self, limits: ShieldLimits) -> None:
         self.limits = limits
-        self._braking = Braking(limits.lag_s, limits.brake_mps2)
+        self.braking = Braking(limits.lag_s, limits.brake_mps2)
         self._follow_s = limits.period_s + limits.reaction_s
         fastest_mps = max(limits.v_max_mps, limits.restore_max_mps)
-        self._usual_reach_m = self._reach_m(_GUSTY * fastest_mps)
+        self._usual_reach_m = self._reach_m(_GUSTY * fastest_mps, _GUST_MPS)
         self._squares = HazardSquares(self._hazards, self._usual_reach_m)
 
     def check(
@@ -197,6 +211,7 @@ class Shield:
         *,
         position_enu_m: npt.ArrayLike,
         velocity_now_enu_mps: npt.ArrayLike,
+        drift: Drift = CALM,
     ) -> ShieldDecision:
         """Return the velocity to send.
 
@@ -206,6 +221,7 @@ class Shield:
             velocity_enu_mps: The proposal, shape ``(3,)``.
             position_enu_m: Where the vehicle is estimated to be, shape ``(3,)``.
             velocity_now_enu_mps: What it is doing, shape ``(3,)``.
+            drift: What no command explains of that.
         """
         position, velocity_now = _three(position_enu_m), _three(velocity_now_enu_mps)
         if position is None or velocity_now is None or not _believable(position, velocity_now):
@@ -219,7 +235,7 @@ class Shield:
         if obstacle_m < 0.0:
             chosen, reason = self._way_out(position), ShieldReason.EMERGENCY
         else:
-            chosen, reason = self._safest(proposal, position, velocity_now)
+            chosen, reason = self._safest(proposal, position, velocity_now, drift)
         if given is None:
             return ShieldDecision(chosen, True, ShieldReason.NOT_FINITE, clearance_m)
         changed = chosen is not given and bool(np.abs(chosen - given).max() > _CHANGED_MPS)
@@ -241,23 +257,35 @@ class Shield:
         )
         return velocity_mps if excess <= 1.0 else velocity_mps / excess
 
-    def _limited(self, velocity_mps: FloatArray) -> FloatArray:
-        """Return velocities within the speed limits, ``(K, 3)``: shortened, not turned."""
+    def _limited(self, velocity_mps: FloatArray, drift: Drift) -> FloatArray:
+        """Return velocities over ground, ``(K, 3)``, whose commands keep the speed limits.
+
+        A command is what is left without the drift; it is shortened, not turned.
+        """
         limits = self.limits
+        velocity_mps = velocity_mps - drift.velocity_enu_mps
         excess = np.sqrt(np.einsum("ki,ki->k", velocity_mps, velocity_mps)) / limits.v_max_mps
         up_mps = velocity_mps[:, 2]
         excess = np.maximum(excess, up_mps / limits.climb_max_mps)
         excess = np.maximum(excess, up_mps / -limits.descent_max_mps)
-        return np.asarray(velocity_mps / np.maximum(excess, 1.0)[:, None])
+        velocity_mps = velocity_mps / np.maximum(excess, 1.0)[:, None]
+        return np.asarray(velocity_mps + drift.velocity_enu_mps)
 
     def _safest(
-        self, proposal: FloatArray, position: FloatArray, velocity_now: FloatArray
+        self,
+        proposal: FloatArray,
+        position: FloatArray,
+        velocity_now: FloatArray,
+        drift: Drift,
     ) -> tuple[FloatArray, ShieldReason]:
         """Return the velocity to fly outside all obstacles, and why."""
-        scene = self._scene(proposal, position, velocity_now)
+        # From here to the end velocities are over ground: the command, and the drift on top of it.
+        drift_mps = drift.velocity_enu_mps
+        wish = proposal + drift_mps
+        scene = self._scene(wish, position, velocity_now, drift)
         if scene is None:
             return proposal, ShieldReason.CLEAR
-        stops = scene.stops(np.stack((proposal, _ZERO)))
+        stops = scene.stops(np.stack((wish, _ZERO)))
         entered, entered_braking = stops.entered(scene.hazards.keep_m)
         if not entered.any():
             return proposal, ShieldReason.CLEAR
@@ -269,31 +297,31 @@ class Shield:
         lost_m = np.maximum(-slack_m, 0.0)
         if lost_m.max() > _EMERGENCY_SHARE * self.limits.margin_m:
             out = scene.nearest_normal()[lost_m.argmax()]
-            wish = _mostly_out(proposal, out)
-            return self._nearest_safe(wish, scene, lost_m), ShieldReason.EMERGENCY
-        chosen = self._nearest_safe(proposal, scene, lost_m)
+            wish = _mostly_out(proposal, out) + drift_mps
+            chosen = self._nearest_safe(wish, scene, lost_m)
+            return chosen - drift_mps, ShieldReason.EMERGENCY
+        chosen = self._nearest_safe(wish, scene, lost_m)
         if chosen @ chosen < _BLOCKED_SHARE**2 * (proposal @ proposal):
-            return chosen, ShieldReason.BLOCKED
-        return chosen, _reason(scene, entered)
+            return chosen - drift_mps, ShieldReason.BLOCKED
+        return chosen - drift_mps, _reason(scene, entered)
 
     def _nearest_safe(self, wish: FloatArray, scene: Scene, lost_m: FloatArray) -> FloatArray:
-        """Return the velocity nearest to a wish that passes; the least bad if none does.
+        """Return the velocity over ground nearest to a wish that passes, or else the least bad.
 
         Args:
-            wish: Does not pass itself, or may not.
+            wish: Over ground. Does not pass itself, or may not.
             scene: What is near.
             lost_m: How much of each margin is lost even if the vehicle brakes now, ``(B,)``.
         """
         normal = scene.nearest_normal()
-        out_mps = self._out_mps(normal, lost_m)
-        lost = lost_m > 0.0
-        bearable_m = scene.hazards.keep_m - np.where(lost, lost_m + _ALIKE_M, 0.0)
-
+        asked = demands(scene, lost_m, self._out_mps(scene, lost_m), alike_m=_ALIKE_M)
         missed: list[tuple[FloatArray, FloatArray, BoolArray]] = []
-        for candidates in self._candidates(wish, scene, out_mps):
+        for candidates in self._candidates(wish, scene, asked):
             stops = scene.stops(candidates)
-            missing_mps = np.where(lost, out_mps - candidates @ normal.T, 0.0).max(axis=1)
-            safe: BoolArray = np.logical_not(stops.entered(bearable_m).any(axis=1))
+            missing_mps = np.where(asked.lost, asked.out_mps - candidates @ normal.T, 0.0).max(
+                axis=1
+            )
+            safe: BoolArray = np.logical_not(stops.entered(asked.bearable_m).any(axis=1))
             leads = safe & (missing_mps < _ALIKE_MPS)
             if leads.any():
                 return np.asarray(candidates[leads.argmax()])
@@ -309,53 +337,57 @@ class Shield:
         least_bad = least_m > least_m.max() - _ALIKE_M
         return np.asarray(nearest_first(candidates[least_bad], wish)[0])
 
-    def _candidates(
-        self, wish: FloatArray, scene: Scene, out_mps: FloatArray
-    ) -> Iterator[FloatArray]:
+    def _candidates(self, wish: FloatArray, scene: Scene, asked: Demands) -> Iterator[FloatArray]:
         """Return candidates, ``(K, 3)`` at a time, each time the nearest to the wish first."""
-        exact = nearest_first(self._limited(self._within_walls(wish, scene, out_mps)), wish)
+        exact = self._limited(self._within_walls(wish, scene, asked), scene.drift)
+        exact = nearest_first(exact, wish)
         yield exact[:_FIRST]
         if len(exact) > _FIRST:
             yield exact[_FIRST:]
         # Coarse and dear: only where no walls without end can be kept.
-        yield nearest_first(self._limited(fan(wish, self.limits.restore_max_mps)), wish)
+        coarse = self._limited(fan(wish, self.limits.restore_max_mps), scene.drift)
+        yield nearest_first(coarse, wish)
 
-    def _within_walls(self, wish: FloatArray, scene: Scene, out_mps: FloatArray) -> FloatArray:
+    def _within_walls(self, wish: FloatArray, scene: Scene, asked: Demands) -> FloatArray:
         """Return a wish and what is nearest to it with regard to all walls, ``(n, 3)``."""
-        fastest_mps = float(out_mps.max())
+        fastest_mps = float(asked.out_mps.max())
         wishes = wish[None]
         if fastest_mps > 0.0:
             # The way out comes first: what it leaves of the speed limit is for the rest.
             share = math.sqrt(max(0.0, 1.0 - (fastest_mps / self.limits.v_max_mps) ** 2))
             wishes = np.array([[1.0], [share], [0.5 * share], [0.0]]) * wish
-        found = within_walls(wishes, *scene.walls(wish, out_mps))
+        found = within_walls(wishes, *scene.walls(wish, asked.out_mps, asked.lost))
         return np.concatenate((wish[None], found))
 
     def _scene(
-        self, proposal: FloatArray, position: FloatArray, velocity_now: FloatArray
+        self, wish: FloatArray, position: FloatArray, velocity_now: FloatArray, drift: Drift
     ) -> Scene | None:
         """Return what is within reach, ``None`` if nothing is."""
-        square = max(float(proposal @ proposal), float(velocity_now @ velocity_now))
-        reach_m = self._reach_m(max(math.sqrt(square), self.limits.restore_max_mps))
+        square = max(float(wish @ wish), float(velocity_now @ velocity_now))
+        fastest_mps = max(math.sqrt(square), self.limits.restore_max_mps)
+        reach_m = self._reach_m(fastest_mps, drift.gust_mps)
         around = self._hazards if reach_m > self._usual_reach_m else self._squares.around(position)
         plane_m = around.plane_distance_m(position)
         near = plane_m.max(axis=1) - around.keep_m < reach_m
         if not near.any():
             return None
-        return Scene(around.take(near), plane_m[near], velocity_now, self._braking, self._follow_s)
-
-    def _reach_m(self, fastest_mps: float) -> float:
-        """Return how far a vehicle gets that follows a velocity a while and then stops."""
-        return fastest_mps * self._follow_s + float(
-            self._braking.stopping_distance_m(np.array(fastest_mps))
+        return Scene(
+            around.take(near), plane_m[near], velocity_now, drift, self.braking, self._follow_s
         )
 
-    def _out_mps(self, normal: FloatArray, lost_m: FloatArray) -> FloatArray:
-        """Return the speed with which to leave each margin that is lost, ``(B,)``."""
+    def _reach_m(self, fastest_mps: float, gust_mps: float) -> float:
+        """Return how far a vehicle gets that follows a velocity a while and then stops."""
+        return fastest_mps * self._follow_s + float(
+            self.braking.stopping_distance_m(np.array(fastest_mps), gust_mps)
+        )
+
+    def _out_mps(self, scene: Scene, lost_m: FloatArray) -> FloatArray:
+        """Return the speed over ground with which to leave each margin that is lost, ``(B,)``."""
         if lost_m.max() == 0.0:
             return lost_m
+        normal = scene.nearest_normal()
         wanted_mps = np.minimum(lost_m / self.limits.restore_s, self.limits.restore_max_mps)
-        possible = self._limited(normal * wanted_mps[:, None])
+        possible = self._limited(normal * wanted_mps[:, None], scene.drift)
         return np.asarray(np.einsum("bi,bi->b", possible, normal))
 
     def _way_out(self, position: FloatArray) -> FloatArray:

@@ -133,6 +133,10 @@ class Tick(msgspec.Struct, frozen=True, kw_only=True, array_like=True, gc=False,
     """Measured rate by message name; once a second is enough."""
     speed_cap_mps: float | None = None
     """Lowered because something was not as in training; ``None`` for ``v_max_mps``."""
+    drift_enu_mps: list[float] | None = None
+    """Of the velocity, what no command explains; ``None`` for nothing."""
+    gust_mps: float = 0.0
+    """The strongest drift of late."""
 
 
 class Raw(msgspec.Struct, frozen=True, array_like=True, gc=False, tag="raw"):

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from companion.guidance.braking import Braking
+from companion.guidance.drift import CALM, Drift, DriftObserver
 from companion.guidance.shield import Shield, ShieldLimits, ShieldReason
 from companion.world.maps import build_map
 
@@ -33,8 +35,9 @@ CASES = {
 }
 
 
+@pytest.mark.parametrize("drift", [CALM, Drift(np.array([0.3, -0.2, 0.1]), 0.8)], ids=["", "gust"])
 @pytest.mark.parametrize("case", CASES)
-def test_one_check(benchmark, case):
+def test_one_check(benchmark, case, drift):
     position, proposal, reason = CASES[case]
     shield = Shield(CITY, ShieldLimits())
     now = np.array(proposal) * (0.9 if case == "emergency" else 0.05)
@@ -43,8 +46,15 @@ def test_one_check(benchmark, case):
         np.array(proposal),
         position_enu_m=np.array(position),
         velocity_now_enu_mps=now,
+        drift=drift,
     )
     assert decision.reason is reason
+
+
+def test_one_look_for_drift(benchmark):
+    observer, braking = DriftObserver(), Braking(0.8, 1.6)
+    sent = np.array([3.0, 0.0, 0.0])
+    benchmark(observer.update, np.array([2.0, 0.5, 0.0]), sent, braking, dt_s=0.05)
 
 
 @pytest.mark.parametrize("side", [5, 17, 45])

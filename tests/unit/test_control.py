@@ -12,7 +12,8 @@ from companion.policy.actor import Actor
 from companion.positions import TargetSource
 from companion.session.records import Event, Tick
 from companion.vehicle import FlightMode, RequestKind, SystemStatus
-from companion.world.maps import load_map
+from companion.world.maps import build_map, load_map
+from sim.dynamics import Disturbance
 from sim.targets import TargetPaths, random_paths
 from sim.vehicle import SimVehicle
 
@@ -226,6 +227,42 @@ def test_a_target_never_heard_is_waited_for_and_then_refused(constant_actor, cap
     again = [record.message for record in caplog.records if "of 90 s" in record.message]
     assert 7 <= len(again) <= 9
     assert "10 s of 90 s" in again[0]
+
+
+class Silent(Spy):
+    """Hears nothing more of its target after 12 s."""
+
+    heard = None
+
+    def targets(self):
+        if self.now_s() < 12.0:
+            self.heard = dict(self.vehicle.targets())
+        return self.heard
+
+
+def test_a_hold_beside_a_wall_goes_through_the_shield(constant_actor):
+    """Zero alone would leave the vehicle to the gusts, inside the margin as well."""
+    wall_m = np.array([[40.0, 30.0], [60.0, 30.0], [60.0, 31.0], [40.0, 31.0]])
+    launch_m = np.array([50.0, 25.0, 0.0])
+    city = build_map("wall", (100, 100, 60), [wall_m], [40.0], launch_enu_m=launch_m)
+    vehicle = SimVehicle(
+        city,
+        rng=np.random.default_rng(3),
+        start_enu_m=np.array([50.0, 25.0, 20.0]),
+        airborne=True,
+        wind=Disturbance(std=0.5, correlation_s=4.0),
+        targets={42: TargetPaths.resting(np.array([[50.0, 80.0, 20.0]]))},
+    )
+    _, _, records = fly(
+        constant_actor((1.0, 0.0, 0.0)), city=city, plan=Plan(engage=True),
+        vehicle=Silent(vehicle), source=TargetSource(system_id=42), stop_at_s=20.0,
+    )  # fmt: skip
+    held = [tick for tick in records if isinstance(tick, Tick) and tick.supervisor == "holding"]
+    assert len(held) > 100
+    left_out = [tick for tick in held if np.any(tick.safe_enu_mps)]
+    assert left_out
+    assert all(tick.shield_reason and tick.intervened for tick in left_out)
+    assert min(tick.clearance_m for tick in held) > 1.0
 
 
 def test_signal_hands_over(constant_actor):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from companion.guidance.drift import DriftObserver
 from companion.guidance.guidance import propose
 from companion.guidance.guide import Guide
 from companion.guidance.shield import Shield, ShieldLimits
@@ -95,7 +96,8 @@ def test_behind_the_shield_decisions_are_those_of_flight():
         dynamics=Conditions().dynamics,
     )
     guard, shield = Guard(world, 5.0), Shield(city, ShieldLimits(v_max_mps=5.0))
-    observation = world.reset()
+    observation, before = world.reset(), np.zeros((8, 3))
+    observers = [DriftObserver() for _ in range(8)]
     guides = [Guide(city, layout) for _ in range(8)]
     for row, guide in enumerate(guides):
         for _ in range(40):
@@ -114,7 +116,10 @@ def test_behind_the_shield_decisions_are_those_of_flight():
                 ahead=guides[row].ahead(position, world.target_enu_m[row]),
             )
             decision = shield.check(
-                proposal.velocity_enu_mps, position_enu_m=position, velocity_now_enu_mps=velocity
+                proposal.velocity_enu_mps,
+                position_enu_m=position,
+                velocity_now_enu_mps=velocity,
+                drift=observers[row].update(velocity, before[row], shield.braking, dt_s=0.05),
             )
             np.testing.assert_allclose(sent[row], decision.velocity_enu_mps, atol=1e-4)
-        observation = world.follow(sent).observation
+        observation, before = world.follow(sent).observation, sent

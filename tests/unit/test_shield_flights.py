@@ -5,7 +5,7 @@ position that is wrong by 0.3 m on each axis and a velocity by 0.1 m/s, commands
 two ticks to arrive, ticks that come late, air that moves at 3 m/s and turns round from one moment
 to the next, as at the corner of a street. What it is told of the vehicle is true: the vehicle
 lags by the given time, or less, and brakes as given, or better, with a quarter of it to spare
-against the air.
+against the air. The drift is what the shield's own observer makes of what is told, as in flight.
 """
 
 from collections.abc import Callable
@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from companion.arrays import FloatArray
+from companion.guidance.drift import CALM, DriftObserver
 from companion.guidance.guidance import straight_at_target_mps
 from companion.guidance.limits import POSITION_STALE_SOFT_S
 from companion.guidance.shield import Shield, ShieldLimits, ShieldReason
@@ -72,6 +73,7 @@ def fly(
     target_enu_m: FloatArray | None = None,
 ) -> Flight:
     shield, reasons, path, arrived = Shield(city, setting.limits), [], [start_enu_m], False
+    observer, drift, sent = DriftObserver(), CALM, np.zeros(3)
     position, velocity, held = start_enu_m, np.zeros(3), np.zeros(3)
     error, gust, air = np.zeros(3), np.zeros(3), wind_at_random(setting, rng)
     told, age_s = (position, velocity), 0.0
@@ -86,9 +88,13 @@ def fly(
             air = wind_at_random(setting, rng)
         if chance[1] >= setting.lost:
             wrong_mps = setting.velocity_noise_mps * rng.standard_normal(3)
-            told, age_s = (position + error, velocity + gust + wrong_mps), 0.0
+            told = (position + error, velocity + gust + wrong_mps)
+            drift, age_s = observer.update(told[1], sent, shield.braking, dt_s=age_s), 0.0
         decision = shield.check(
-            policy(told[0], rng), position_enu_m=told[0], velocity_now_enu_mps=told[1]
+            policy(told[0], rng),
+            position_enu_m=told[0],
+            velocity_now_enu_mps=told[1],
+            drift=drift,
         )
         sent = decision.velocity_enu_mps
         assert np.sqrt(sent @ sent) <= setting.limits.v_max_mps + 1e-9  # a nan is not, either
