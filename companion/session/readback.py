@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from rerun.chunk import RrdReader
 
-from companion.arrays import FloatArray
+from companion.arrays import FloatArray, IntArray
 from companion.errors import UsageError
 from companion.session import colors, curves
 from companion.session.colors import Color
@@ -53,6 +53,17 @@ class _Entity:
     def rows(self, name: str) -> list[Any]:
         """Return the values of a column, row by row, as plain lists."""
         return [row for part in self.columns.get(name, ()) for row in part.to_pylist()]
+
+    def numbers(self, name: str) -> tuple[FloatArray, IntArray]:
+        """Return the numbers of a column, row after row, and how many values each row has."""
+        flat, counts = [np.empty(0)], [np.empty(0, dtype=np.int64)]
+        for part in self.columns.get(name, ()):
+            counts.append(part.value_lengths().fill_null(0).to_numpy().astype(np.int64))
+            values = part.flatten()
+            if hasattr(values, "flatten"):  # vectors
+                values = values.flatten()
+            flat.append(values.to_numpy(zero_copy_only=False).astype(np.float64))
+        return np.concatenate(flat), np.concatenate(counts)
 
     def one(self, name: str) -> Any | None:
         """Return the only value of a static column."""
@@ -166,12 +177,10 @@ def _read_properties(entities: dict[str, _Entity], flight: Flight) -> None:
 
 def _curve(path: str, entity: _Entity) -> CurveData:
     time_s = entity.times()
-    rows = entity.rows("Scalars:scalars")
-    width = max((len(row) for row in rows if row), default=1)
-    values = np.full((len(rows), width), np.nan)
-    for index, row in enumerate(rows):
-        if row:
-            values[index, : len(row)] = row
+    numbers, counts = entity.numbers("Scalars:scalars")
+    width = int(counts.max(initial=1))
+    values = np.full((len(counts), width), np.nan)
+    values[np.arange(width) < counts[:, np.newaxis]] = numbers
     order = np.argsort(time_s, kind="stable")
     kind = "SeriesPoints" if "SeriesPoints:names" in entity.static else "SeriesLines"
     names = entity.one(f"{kind}:names") or [path.rpartition("/")[2]]
@@ -223,16 +232,13 @@ def _track(entities: dict[str, _Entity], who: str) -> Track:
     entity = entities.get(f"/world/{who}")
     if entity is None or not entity.columns:
         return NOWHERE
-    pairs = [
-        (time_s, row[0])
-        for time_s, row in zip(entity.times(), entity.rows("Transform3D:translation"), strict=True)
-        if row
-    ]
-    if not pairs:
+    numbers, counts = entity.numbers("Transform3D:translation")
+    time_s = entity.times()[counts > 0]
+    if not len(time_s):
         return NOWHERE
-    pairs.sort(key=lambda pair: float(pair[0]))
-    time_s = np.array([pair[0] for pair in pairs])
-    return Track(time_s, np.array([pair[1] for pair in pairs]), _shades(entities, who, time_s))
+    order = np.argsort(time_s, kind="stable")
+    position_m = numbers.reshape(-1, 3)[order]
+    return Track(time_s[order], position_m, _shades(entities, who, time_s[order]))
 
 
 def _shades(entities: dict[str, _Entity], who: str, time_s: FloatArray) -> tuple[Color, ...]:
