@@ -13,7 +13,7 @@ from training.figure_paths import draw_chase, draw_paths
 from training.report_data import Drawn, Points, Report, RunResult
 from training.report_page import TITLES
 from training.report_words import PAPER_RATES
-from training.reproduce_plan import ABLATION_MAP, LONGER, OBSTACLE_MAPS
+from training.reproduce_plan import ABLATION_MAP, OBSTACLE_MAPS
 
 
 def draw_all(report: Report, drawn: Drawn, folder: Path) -> list[str]:
@@ -78,14 +78,11 @@ def _coordinates(report: Report, drawn: Drawn, path: Path, mark: str) -> Path | 
         for map_name in OBSTACLE_MAPS
         if (runs := report.of("coordinates", map_name))
     }
-    for run in report.of("coordinates", ABLATION_MAP, LONGER):
-        label = f"{ABLATION_MAP}, {run.updates:,} updates"
-        groups[label] = [_curve(drawn.curves[run.name].validation)]
     if not groups:
         return None
     levels = [
         Level(PAPER_RATES[name], f"the paper's {100 * PAPER_RATES[name]:.0f} % of {name}")
-        for name in OBSTACLE_MAPS
+        for name in groups
     ]
     heading = f"From the paper's six coordinates alone{mark}"
     return draw_completion(groups, levels, path, heading)

@@ -12,7 +12,7 @@ from training.report_words import (
     spread,
     table,
 )
-from training.reproduce_plan import LONGER, OBSTACLE_MAPS
+from training.reproduce_plan import OBSTACLE_MAPS
 
 
 def coordinates_sentence(report: Report) -> str:
@@ -52,7 +52,7 @@ def coordinates_section(report: Report, figure: str) -> list[str]:
                 "-" if base is None else percent(base.straight.evaluation.completion_rate),
             ]
         )
-        for run in (*runs, *report.of("coordinates", name, LONGER)):
+        for run in runs:
             result = run.static.evaluation
             low, high = result.completion_rate_ci95
             rows.append(

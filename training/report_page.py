@@ -12,6 +12,7 @@ from training.report_words import (
     PAPER_RATES,
     another_seed,
     listed,
+    listed_by_seed,
     mean,
     minutes,
     percent,
@@ -112,8 +113,10 @@ def _banner(report: Report) -> str:
         )
     if report.unfinished:
         lines.append(
-            f"> **Not finished**: {listed(report.unfinished)}. Tables hold what is there; the "
-            "same command goes on where it stopped."
+            f"> **Not finished**: {len(report.unfinished)} of "
+            f"{len(report.unfinished) + len(report.runs)} runs, "
+            f"{listed_by_seed(report.unfinished)}. Tables hold what is there; the same command "
+            "goes on where it stopped."
         )
     return "\n>\n".join(lines)
 

@@ -56,6 +56,15 @@ def listed(values: Iterable[object]) -> str:
     return ", ".join(str(value) for value in values)
 
 
+def listed_by_seed(names: Iterable[str]) -> str:
+    """Return names that end in ``-seedN`` as a list, seeds of one name together."""
+    seeds: dict[str, list[str]] = {}
+    for name in names:
+        run, _, seed = name.rpartition("-seed")
+        seeds.setdefault(run, []).append(seed)
+    return listed(f"{run} (seed {listed(found)})" for run, found in seeds.items())
+
+
 def table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table in Markdown."""
     lines = [heading, ["---"] * len(heading), *rows]

@@ -13,8 +13,6 @@ RECIPE = "paper"
 """The recipe as it is, among the ablations."""
 SCRATCH = "scratch"
 """The recipe as it is, from random networks."""
-LONGER = "longer"
-"""Six coordinates with another number of updates, on one map and from one seed."""
 ACTOR_ONLY = "actor-only"
 """The recipe as it is, from the actor of the free stage and a random critic."""
 OBSTACLE_MAPS = ("env1", "env2")
@@ -32,9 +30,7 @@ class Budget:
     obstacle_updates: int | None = None
     """and of each run among obstacles, likewise."""
     coordinates_updates: int | None = None
-    """Of each run from the paper's six coordinates alone, likewise,"""
-    longer_updates: int | None = 40_000
-    """and of a longer one; ``None``: no such run."""
+    """Of each run from the paper's six coordinates alone, likewise."""
     ablation_updates: int = 5_000
     coordinates_seeds: int = 3
     """How many of the seeds learn from six coordinates,"""
@@ -50,7 +46,6 @@ QUICK = Budget(
     free_updates=4_000,
     obstacle_updates=12_000,
     ablation_updates=3_000,
-    longer_updates=None,
     coordinates_seeds=0,
     transfer_seeds=1,
     ablation_seeds=1,
@@ -74,8 +69,7 @@ class Job:
     name: str
     group: Group
     variant: str
-    """``paper`` for a recipe as it is, ``scratch``, ``actor-only``, ``longer`` or an ablation's
-    name."""
+    """``paper`` for a recipe as it is, ``scratch``, ``actor-only`` or an ablation's name."""
     preset: Preset
     map: str
     seed: int
@@ -112,9 +106,6 @@ def plan(
         for seed in seeds[: budget.coordinates_seeds]
         for city in OBSTACLE_MAPS
     ]
-    if budget.longer_updates is not None:
-        longer = replace(coordinates, updates=budget.longer_updates)
-        jobs.append(_job("coordinates", LONGER, longer, ABLATION_MAP, seeds[0]))
     short = shortened(PRESETS["paper", "obstacles"], budget.ablation_updates)
     for seed in seeds[: budget.transfer_seeds]:
         jobs += [
@@ -196,5 +187,5 @@ def _job(
     if group == "free" and variant != RECIPE:
         words = [city, variant]
     if group == "coordinates":
-        words = [city, group] if variant == RECIPE else [city, group, variant]
+        words = [city, group]
     return Job("-".join((*words, f"seed{seed}")), group, variant, preset, city, seed, init)

@@ -17,7 +17,7 @@ from training.figure_curves import Bar, Level, draw_ablations, draw_completion, 
 from training.figure_paths import draw_chase, draw_paths
 from training.flights import Flight
 from training.report_data import FlightRecord, Scene
-from training.report_words import another_seed
+from training.report_words import another_seed, listed_by_seed
 
 LOG = """\
 {"kind":"training","updates":10,"return":null,"saturated":[0.1,0.2,0.3]}
@@ -94,3 +94,8 @@ def test_where_one_more_seed_is_expected():
     assert another_seed([0.96, 0.97, 0.98]) == "92.0 - 100.0"
     assert another_seed([0.5, 0.5]) == "50.0 - 50.0"
     assert another_seed([0.97]) == "-"
+
+
+def test_unfinished_runs_are_listed_by_seed():
+    names = ["env1-seed2", "env1-short-rays-seed1", "env1-seed3"]
+    assert listed_by_seed(names) == "env1 (seed 2, 3), env1-short-rays (seed 1)"

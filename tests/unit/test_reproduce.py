@@ -21,7 +21,6 @@ TINY = Budget(
     free_updates=8,
     obstacle_updates=8,
     coordinates_updates=8,
-    longer_updates=None,
     ablation_updates=8,
     coordinates_seeds=1,
     transfer_seeds=1,
