@@ -279,7 +279,9 @@ def _transfer(report: Report) -> str:
             averages[variant] = 100.0 * float(np.mean(rates))
             seeds = listed([run.seed for run in runs])
             rows.append([label, f"{runs[0].updates:,}", seeds, spread(rates)])
-    if not rows:
+        else:
+            rows.append([label, "", "", "not finished"])
+    if not averages:
         return "No run of this comparison came to its end."
     rows += [[name, "", "", rate] for name, rate, _ in _floor_and_ceiling(report)]
     shown = table(["env1", "updates", "seeds", "test cases: mean (min - max)"], rows)
