@@ -12,7 +12,6 @@ from companion.policy.action import (
 from companion.policy.observation import WAYS
 from companion.world.maps import build_map, load_map
 from sim.dynamics import VelocityLag
-from sim.guides import Surveyor
 from sim.motion import Dynamics
 from sim.targets import TargetPaths
 from sim.world import CityWorld
@@ -47,7 +46,7 @@ def velocity_mps(policy, start_m, target_m, city=BLOCK):
 
 
 def evaluate(policy, city, **changes):
-    options = {"episodes": 24, "seed": 1, "now_s": lambda: 0.0, **changes}
+    options = {"episodes": 16, "seed": 1, "now_s": lambda: 0.0, **changes}
     return evaluate_loop(policy, [city], WAYS, AIM_SCALING, v_max_mps=5.0, **options)
 
 
@@ -92,11 +91,8 @@ def test_in_front_of_a_wall_the_field_waits_and_the_planner_flies_round():
     assert evaluate(fly_straight, BLOCK, episodes=1, begin=begin).collision_rate == 1.0
 
 
-def test_both_complete_more_than_flying_straight():
-    env1, surveyor = load_map("env1"), Surveyor()
-    straight, field, planner = (
-        evaluate(policy, env1, surveyor=surveyor).completion_rate
-        for policy in (fly_straight, PotentialField(), fly_the_way)
-    )
-    assert straight < field < planner
-    assert planner > 0.95
+def test_the_planner_completes_more_than_flying_straight():
+    env1 = load_map("env1")
+    straight, planner = (evaluate(policy, env1) for policy in (fly_straight, fly_the_way))
+    assert straight.completion_rate < 0.75
+    assert planner.completion_rate > 0.95
