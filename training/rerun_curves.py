@@ -185,7 +185,7 @@ def _blueprint(city: MapRecord) -> rrb.Blueprint:
         ),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
-        rrb.TimePanel(state="collapsed", timeline=_TIMELINE, play_state="paused"),
+        rrb.TimePanel(state="collapsed", timeline=_TIMELINE, play_state="following"),
         auto_views=False,
         auto_layout=False,
     )
