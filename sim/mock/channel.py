@@ -142,7 +142,12 @@ class Channel(ABC):
             # Absolute deadlines; what was missed is skipped, never sent in a burst.
             missed = 0 if late_s < interval_s else math.floor(late_s / interval_s)
             self._due_s[id_] = due_s + (missed + 1) * interval_s
-            self._send_stream(id_, autopilot)
+            if id_ == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+                self._send_stream(id_, autopilot)
+                continue
+            message = self.builders[id_](autopilot)
+            if message is not None:
+                self.send(message)
         self._send_others(autopilot)
 
     def restart(self, boot_s: float) -> None:

@@ -44,7 +44,8 @@ IDENTITY
   port.
   --signing-key signs everything with MAVLink 2 signing and drops what comes
   unsigned, wrongly signed, replayed or over a minute old. The file holds 32 raw
-  bytes, 64 hexadecimal digits or a passphrase. SETUP_SIGNING works too.
+  bytes, 64 hexadecimal digits or a passphrase. SETUP_SIGNING works too. On its
+  USB port (--usb-link) ArduPilot takes everything, whatever its signature.
 
 TARGETS  --target kind=waypoints,sysid=42,...
   kind       static, straight, circle, waypoints (random) or recorded
@@ -60,8 +61,9 @@ TARGETS  --target kind=waypoints,sysid=42,...
   launch. Paths stay 2 m clear of obstacles.
 
 FAULTS  --fault kind=KIND,t=SECONDS[,from=EVENT][,for=SECONDS][,KEY=VALUE...]
-  t seconds after the event: start, arm, or offboard (setpoints fly it). The
-  same --seed repeats everything.
+  t seconds after the event: start, arm, or offboard (setpoints fly it); for
+  seconds later it is over. In brackets the keys that a kind knows; a number in
+  its description is what it does without them. --seed repeats everything.
 {kinds}
 
 REFEREE
@@ -81,14 +83,14 @@ EXAMPLES
   This companion, in a city, and what it did:
     companion mock --connect udpout:127.0.0.1:14540 --map env1 --report r.json
     companion run --connect udpin:127.0.0.1:14540 --map env1 ...
-  MAVSDK:
+  MAVSDK (add_any_connection("udpin://0.0.0.0:14540")):
     companion mock --connect udpout:127.0.0.1:14540
-    and connect it to udpin://0.0.0.0:14540
   MAVProxy:
     companion mock --autopilot ardupilot --connect udpout:127.0.0.1:14550
     mavproxy.py --master=udpin:127.0.0.1:14550
-  QGroundControl (listens on 14550 by itself):
+  QGroundControl (listens on 14550 by itself), ArduPilot over TCP:
     companion mock --connect udpout:127.0.0.1:14550
+    companion mock --autopilot ardupilot --connect tcpin:127.0.0.1:5760
   A companion and a ground station at once:
     companion mock --connect udpout:127.0.0.1:14540 \\
                    --connect udpout:127.0.0.1:14550

@@ -3,7 +3,7 @@
 import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from operator import itemgetter
 from typing import Any
 
@@ -31,13 +31,23 @@ def sender_of(packet: bytes) -> tuple[int, int]:
     return packet[first], packet[first + 1]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Definition:
     """What a packet needs to know of the definition of its message."""
 
     message_id: int
     crc_extra: int
     """What the definition adds to the checksum."""
+
+    @cached_property
+    def number(self) -> bytes:
+        """The message id as it stands in a packet."""
+        return self.message_id.to_bytes(3, "little")
+
+    @cached_property
+    def seed(self) -> bytes:
+        """The end of what the checksum is of."""
+        return bytes((self.crc_extra,))
 
 
 Draft = tuple[Definition, bytes]
@@ -106,10 +116,10 @@ class Packer:
             return bytes(message.pack(self._codec))
         definition, fields = message
         payload = fields.rstrip(b"\0") or b"\0"
-        number = definition.message_id.to_bytes(3, "little")
-        body = b"%c\0\0%c%b%b%b" % (len(payload), sequence, self._sender, number, payload)
-        checksum = mcrf4xx(b"%b%c" % (body, definition.crc_extra), _CRC_START)
-        return b"\xfd%b%b" % (body, checksum.to_bytes(2, "little"))
+        head = b"%c\0\0%c" % (len(payload), sequence)
+        body: bytes = head + self._sender + definition.number + payload
+        checksum = mcrf4xx(body + definition.seed, _CRC_START)
+        return b"\xfd" + body + checksum.to_bytes(2, "little")
 
 
 def crc_extra_of(message: Any) -> int:

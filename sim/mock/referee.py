@@ -4,10 +4,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
-from companion.arrays import FloatArray
 from sim.mock.autopilot import Autopilot, FlightMode
+from sim.mock.dynamics import Vector
 from sim.mock.placement import Place
 
 PERIOD_S = 0.05
@@ -38,7 +36,8 @@ class Referee:
     setpoints_after_mode_shown: int = 0
     """Setpoints sent although a HEARTBEAT had said that OFFBOARD (GUIDED) is over: a good
     companion has none of them but for the one that was under way."""
-    _last_enu_m: FloatArray | None = None
+    _last_m: Vector | None = None
+    _state: tuple[FlightMode, bool, str | None] | None = None
     _touching: bool = False
     _offboard_flown: bool = False
 
@@ -65,22 +64,20 @@ class Referee:
         Returns:
             The contact that began since the last look, if any.
         """
-        armed = "armed" if autopilot.armed else "disarmed"
-        words = autopilot.failsafe_words
-        cause = f" (failsafe: {words})" if words else ""
-        self.note(time_s, f"{autopilot.mode.name} {armed}{cause}")
+        self._note_state(time_s, autopilot)
         self._offboard_flown |= autopilot.armed and autopilot.mode.is_external
-        here = self.place.to_map(autopilot.body.position_m)
-        last = here if self._last_enu_m is None else self._last_enu_m
-        self._last_enu_m = here
+        here_m = autopilot.body.position_m
+        last_m = here_m if self._last_m is None else self._last_m
+        self._last_m = here_m
         if autopilot.landed:
             return None
         speed_mps = math.hypot(*autopilot.body.velocity_mps)
-        self.distance_flown_m += float(np.linalg.norm(here - last))
+        self.distance_flown_m += math.dist(here_m, last_m)
         self.max_speed_mps = max(self.max_speed_mps, speed_mps)
         map_ = self.place.map
         if map_ is None:
             return None
+        here, last = self.place.to_map(here_m), self.place.to_map(last_m)
         self.left_map |= not bool(map_.contains(here))
         clearance_m = float(map_.obstacles.signed_distance_m(here))
         self.min_clearance_m = min(self.min_clearance_m, clearance_m)
@@ -93,6 +90,15 @@ class Referee:
         contact = Contact(round(time_s, 3), (east, north, up), round(speed_mps, 3))
         self.contacts.append(contact)
         return contact
+
+    def _note_state(self, time_s: float, autopilot: Autopilot) -> None:
+        state = autopilot.mode, autopilot.armed, autopilot.failsafe_words
+        if state == self._state:
+            return
+        self._state = state
+        armed = "armed" if autopilot.armed else "disarmed"
+        cause = f" (failsafe: {state[2]})" if state[2] else ""
+        self.note(time_s, f"{autopilot.mode.name} {armed}{cause}")
 
     def report(self, time_s: float, autopilot: Autopilot) -> dict[str, Any]:
         """Return the verdict as plain data for JSON."""

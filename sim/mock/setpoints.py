@@ -12,6 +12,7 @@ FORCE = 0x200
 YAW_IGNORE = 0x400
 YAW_RATE_IGNORE = 0x800
 
+EVERY_AXIS = 0b111
 NOTHING: Vector = (math.nan, math.nan, math.nan)
 
 
@@ -33,14 +34,10 @@ class Setpoint:
 
     def __post_init__(self) -> None:
         """Note once what is asked at every step."""
-        p, v, a = (
-            tuple(map(math.isfinite, vector))
-            for vector in (self.position_m, self.velocity_mps, self.acceleration_mps2)
-        )
-        complete = all(map(any, zip(p, v, a, strict=True)))
-        object.__setattr__(self, "complete", complete)
-        object.__setattr__(self, "only_velocity", all(v) and not any(p) and not any(a))
-        object.__setattr__(self, "counts_as_stream", any(p) or any(v) or any(a))
+        p, v, a = map(_known, (self.position_m, self.velocity_mps, self.acceleration_mps2))
+        object.__setattr__(self, "complete", (p | v | a) == EVERY_AXIS)
+        object.__setattr__(self, "only_velocity", v == EVERY_AXIS and not p | a)
+        object.__setattr__(self, "counts_as_stream", p | v | a > 0)
 
     @property
     def climbs(self) -> bool:
@@ -48,8 +45,16 @@ class Setpoint:
         return self.velocity_mps[2] < 0.0 or self.acceleration_mps2[2] < 0.0
 
 
+def _known(vector: Vector) -> int:
+    """Return a bit for each axis that has a number."""
+    x, y, z = vector
+    return math.isfinite(x) | math.isfinite(y) << 1 | math.isfinite(z) << 2
+
+
 def masked(values: Vector, type_mask: int, first_bit: int) -> Vector:
     """Return ``values`` with the axes ignored by ``type_mask`` replaced by NaN."""
+    if not type_mask >> first_bit & 0b111:
+        return values
     north, east, down = (
         math.nan if type_mask >> (first_bit + axis) & 1 else value
         for axis, value in enumerate(values)
