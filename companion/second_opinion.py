@@ -172,7 +172,7 @@ def _write_recording(
 ) -> None:
     from companion.session.streams import file_output
 
-    output = file_output(folder)
+    output = file_output(folder, footer=True)
     output.write(start)
     for record in records:
         output.write(record)

@@ -64,7 +64,8 @@ def _open_outputs(folder: Path, live: str) -> list[Output]:
     except ImportError:
         _say(f'no {RECORDING}: Rerun is not installed (pip install "rerun-sdk==0.41.*")')
         return outputs
-    outputs.append(Background(file_output(folder)))
+    # The rewriting after the flight makes the footer.
+    outputs.append(Background(file_output(folder, footer=False)))
     if live != "off":
         announce = _announce_and_open if live == "spawn" else _announce
         outputs.append(Background(live_output(announce)))

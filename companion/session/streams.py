@@ -85,14 +85,18 @@ class RerunOutput:
             self._ticks, self._events = [], []
 
 
-def file_output(folder: Path) -> RerunOutput:
-    """Return the output that writes ``session.rrd``."""
+def file_output(folder: Path, *, footer: bool) -> RerunOutput:
+    """Return the output that writes ``session.rrd``.
+
+    Args:
+        folder: Of the session.
+        footer: Whether the file ends with an index of itself. For that a part of every chunk is
+            kept in memory until the end: some 300 MB an hour.
+    """
 
     def open_file(start: SessionStart) -> rr.RecordingStream:
         stream = _stream(start)
-        # A footer would keep a part of every chunk in memory until the end: some 300 MB an hour.
-        # The rewriting after the flight makes one.
-        sink = rr.FileSink(folder / RECORDING, write_footer=False)
+        sink = rr.FileSink(folder / RECORDING, write_footer=footer)
         stream.set_sinks(sink)
         stream.send_blueprint(blueprint(start, live=False))
         return stream

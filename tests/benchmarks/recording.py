@@ -109,7 +109,7 @@ def second(number, rng):
 def record(folder, minutes):
     """Record a flight; return processor seconds, and bytes before and after the rewriting."""
     rng = np.random.default_rng(1)
-    output = file_output(folder)
+    output = file_output(folder, footer=False)
     output.write(START)
     spent_s = 0.0
     for number in range(round(60 * minutes)):
