@@ -13,11 +13,7 @@ import numpy as np
 from companion.announcing import Announcer
 from companion.arrays import FloatArray
 from companion.commands import Commands
-from companion.guidance.drift import CALM, DriftObserver
-from companion.guidance.envelope import Envelope
-from companion.guidance.freeze import FreezeDetector
-from companion.guidance.guidance import Proposal, propose
-from companion.guidance.guide import Guide
+from companion.guidance.guidance import Proposal
 from companion.guidance.limits import ARRIVAL_RADIUS_M
 from companion.guidance.reasons import Reason
 from companion.guidance.shield import Shield, ShieldDecision
@@ -28,6 +24,7 @@ from companion.metrics import Metrics
 from companion.policy.actor import Actor
 from companion.positions import Pose, Positions, TargetSource
 from companion.preflight import refusal, waiting_for
+from companion.proposing import Proposer
 from companion.recording import tick_record
 from companion.session.records import Mark, Record
 from companion.session.summary import Summary
@@ -41,6 +38,7 @@ from companion.vehicle import (
     VehicleEvent,
     VehicleState,
 )
+from companion.watching import Watch
 from companion.world.maps import Map
 from companion.world.neighbourhood import Neighbourhood
 
@@ -69,21 +67,6 @@ class Mission:
     target: TargetSource
     v_max_mps: float
     rate_hz: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Proposed:
-    """A proposal and what it was made from; the same again is not asked twice."""
-
-    proposal: Proposal
-    pose: Pose
-    target_enu_m: FloatArray
-    ways_found: int
-
-    def answers(self, pose: Pose, target_enu_m: FloatArray, guide: Guide) -> bool:
-        """Return whether everything is as it was: no new position, target or way."""
-        same = pose is self.pose and guide.found == self.ways_found
-        return same and bool((target_enu_m == self.target_enu_m).all())
 
 
 class Flight:
@@ -124,15 +107,12 @@ class Flight:
             mission.map, mission.target, earth_radius_m=vehicle.info.earth_radius_m
         )
         self._surroundings = Neighbourhood(mission.map)
-        self._guide = Guide(mission.map, mission.actor.contract.layout)
-        self._envelope = Envelope(mission.actor.contract, mission.v_max_mps)
-        self._observer, self._drift = DriftObserver(), CALM
-        self._seen_s = self._start_s
-        self._sent_enu_mps: FloatArray | None = None
+        self._proposer = Proposer(mission.map, mission.actor, mission.v_max_mps)
+        self._watch = Watch(
+            shield, mission.actor.contract, mission.v_max_mps, start_s=self._start_s
+        )
         self._supervisor = Supervisor(mission.plan, now_s=self._start_s)
         self._metrics = Metrics(start_s=self._start_s, rate_hz=mission.rate_hz)
-        self._proposed: _Proposed | None = None
-        self._freeze = FreezeDetector()
         self._policy_failures = 0
         self._heartbeat_due_s = self._start_s
         self._rates_due_s = self._start_s
@@ -156,7 +136,7 @@ class Flight:
             deadline_s = self._start_s + tick * period_s
             if self._think_ahead_s > 0.0:
                 self._vehicle.wait_until(deadline_s - self._think_ahead_s)
-                self._propose(*self._look(self._vehicle.state(), deadline_s))
+                self._proposer.propose(*self._look(self._vehicle.state(), deadline_s))
             self._vehicle.wait_until(deadline_s)
             directive = self._step(deadline_s)
             if directive.outcome is not None:
@@ -188,7 +168,7 @@ class Flight:
         state, events = self._vehicle.state(), list(self._vehicle.take_events())
         due_s = deadline_s if now_s - deadline_s < ON_TIME_S else now_s
         pose, target = self._look(state, due_s)
-        proposal = self._propose(pose, target)
+        proposal = self._proposer.propose(pose, target)
         if proposal is not None:
             usable = all(map(math.isfinite, proposal.velocity_enu_mps.tolist()))
             self._policy_failures = 0 if usable else self._policy_failures + 1
@@ -197,10 +177,10 @@ class Flight:
         directive = self._supervisor.update(situation)
         if directive.request is not None:
             self._vehicle.request(directive.request, altitude_m=self._mission.plan.takeoff_m)
-        self._observe(state, pose)
+        self._watch.before_sending(state, pose)
         decision = self._guard(directive, pose, proposal)
         sent = self._send(directive, decision)
-        self._sent_enu_mps = sent
+        self._watch.sent(sent)
         sent_s = self._vehicle.now_s()
         if now_s >= self._heartbeat_due_s:
             self._vehicle.send_heartbeat(directive.health)
@@ -230,15 +210,20 @@ class Flight:
                 latency_ms=latency_ms,
                 lateness_ms=1e3 * (now_s - deadline_s),
                 rates_hz=self._rates_hz(now_s),
-                speed_cap_mps=self._envelope.cap_mps,
-                drift=self._drift,
+                speed_cap_mps=self._watch.envelope.cap_mps,
+                drift=self._watch.drift,
             )
         )
-        self._watch(now_s, directive, pose, proposal, sent)
+        flown = proposal if directive.stream is Stream.POLICY else None
+        lag_news, news = self._watch.after_sending(now_s, pose, flown)
+        if lag_news:
+            self._announcer.log(lag_news, Severity.WARNING, now_s)
+        if news:
+            self._announcer.log(news, Severity.WARNING, now_s)
+            self._announcer.send(news, Severity.WARNING)
         if self._alive is not None:
             self._alive(directive.phase)
-        if pose is not None and target.position_enu_m is not None:
-            self._guide.work(pose.position_enu_m, target.position_enu_m)
+        self._proposer.look_ahead(pose, target)
         return directive
 
     def _look(
@@ -287,7 +272,7 @@ class Flight:
             foreign_setpoint=foreign[-1] if foreign else "",
             rebooted=any(event.kind is EventKind.REBOOT for event in events),
             frame_moved=self._positions.take_frame_moved(),
-            position_frozen=self._is_frozen(state),
+            position_frozen=self._watch.is_frozen(state),
             off_map_m=0.0 if pose is None else mission.map.outside_m(pose.position_enu_m),
             policy_failures=self._policy_failures,
             frame_untied=self._positions.untied,
@@ -296,23 +281,6 @@ class Flight:
             target_changed=self._commands.take_target_changed(),
         )
 
-    def _propose(self, pose: Pose | None, target: TargetEstimate) -> Proposal | None:
-        target_enu_m = target.position_enu_m
-        if pose is None or target_enu_m is None:
-            return None
-        if self._proposed is None or not self._proposed.answers(pose, target_enu_m, self._guide):
-            proposal = propose(
-                self._mission.actor,
-                self._surroundings.around(pose.position_enu_m),
-                position_enu_m=pose.position_enu_m,
-                velocity_enu_mps=pose.velocity_enu_mps,
-                target_enu_m=target_enu_m,
-                v_max_mps=self._mission.v_max_mps,
-                ahead=self._guide.ahead(pose.position_enu_m, target_enu_m),
-            )
-            self._proposed = _Proposed(proposal, pose, target_enu_m, self._guide.found)
-        return self._proposed.proposal
-
     def _guard(
         self, directive: Directive, pose: Pose | None, proposal: Proposal | None
     ) -> ShieldDecision | None:
@@ -320,7 +288,7 @@ class Flight:
         if pose is None:
             return None
         if directive.stream is Stream.POLICY and proposal is not None:
-            wanted_enu_mps = self._envelope.limited(proposal.velocity_enu_mps)
+            wanted_enu_mps = self._watch.envelope.limited(proposal.velocity_enu_mps)
         elif directive.phase is Phase.HOLDING and directive.code in _SHIELDED_HOLDS:
             wanted_enu_mps = _ZERO
         else:
@@ -329,21 +297,8 @@ class Flight:
             wanted_enu_mps,
             position_enu_m=pose.position_enu_m,
             velocity_now_enu_mps=pose.velocity_enu_mps,
-            drift=self._drift,
+            drift=self._watch.drift,
         )
-
-    def _observe(self, state: VehicleState | None, pose: Pose | None) -> None:
-        """Compare a new velocity with what was sent before it: what is left is drift."""
-        if state is None or pose is None or state.time_s <= self._seen_s:
-            return
-        follows = state.mode is FlightMode.EXTERNAL
-        self._drift = self._observer.update(
-            pose.velocity_enu_mps,
-            self._sent_enu_mps if follows else None,
-            self._shield.braking,
-            dt_s=state.time_s - self._seen_s,
-        )
-        self._seen_s = state.time_s
 
     def _send(self, directive: Directive, decision: ShieldDecision | None) -> FloatArray | None:
         """Send at most one setpoint; return its velocity on the map, ``None`` if none left."""
@@ -355,33 +310,6 @@ class Flight:
             return _ZERO
         self._vehicle.send_velocity(tie.velocity_to_local(decision.velocity_enu_mps))
         return decision.velocity_enu_mps
-
-    def _watch(
-        self,
-        now_s: float,
-        directive: Directive,
-        pose: Pose | None,
-        proposal: Proposal | None,
-        sent_enu_mps: FloatArray | None,
-    ) -> None:
-        """Compare what was seen with training; the cap and the shield know in the next tick."""
-        if pose is None:
-            return
-        flies = directive.stream is Stream.POLICY and proposal is not None
-        news = self._envelope.watch(
-            now_s,
-            pose.velocity_enu_mps,
-            sent_enu_mps if flies else None,
-            proposal.observation if flies and proposal is not None else None,
-        )
-        believed_s = self._shield.limits.lag_s
-        if (lag_s := self._envelope.longer_lag_s(believed_s)) is not None:
-            self._shield.reckon_with_lag(lag_s)
-            told = f"the shield reckons with a lag of {lag_s:g} s instead of {believed_s:g} s"
-            self._announcer.log(told, Severity.WARNING, now_s)
-        if news:
-            self._announcer.log(news, Severity.WARNING, now_s)
-            self._announcer.send(news, Severity.WARNING)
 
     def _count(
         self,
@@ -403,9 +331,9 @@ class Flight:
                 label = f"{directive.phase} [{directive.code}]"
                 self._record(Mark(label, pose.position_enu_m.tolist()))
         self._metrics.shield_interventions += decision is not None and decision.intervened
-        slowed = decision is not None and self._envelope.cap_mps is not None
+        slowed = decision is not None and self._watch.envelope.cap_mps is not None
         self._metrics.setpoints_slowed += slowed
-        self._metrics.velocity_lag_s = self._envelope.known_lag_s
+        self._metrics.velocity_lag_s = self._watch.envelope.known_lag_s
         self._metrics.takeovers += directive.phase is Phase.STOOD_DOWN
 
     def _clearance_m(self, pose: Pose) -> float:
@@ -413,16 +341,6 @@ class Flight:
         obstacles = self._surroundings.around(pose.position_enu_m).obstacles
         obstacle_m = float(obstacles.signed_distance_m(pose.position_enu_m))
         return min(obstacle_m, float(pose.position_enu_m[2]))
-
-    def _is_frozen(self, state: VehicleState | None) -> bool:
-        if state is None:
-            return False
-        return self._freeze.look(
-            state.position_ned_m,
-            state.velocity_ned_mps,
-            time_s=state.time_s,
-            commanded_mps=0.0 if self._sent_enu_mps is None else _speed_mps(self._sent_enu_mps),
-        )
 
     def _rates_hz(self, now_s: float) -> Mapping[str, float] | None:
         """Return the measured rates of the link, once a second."""

@@ -1,0 +1,92 @@
+"""What flight shows of the vehicle: its drift, its lag, and whether it tells the truth."""
+
+import math
+
+from companion.arrays import FloatArray
+from companion.guidance.drift import CALM, DriftObserver
+from companion.guidance.envelope import Envelope
+from companion.guidance.freeze import FreezeDetector
+from companion.guidance.guidance import Proposal
+from companion.guidance.shield import Shield
+from companion.policy.contract import Contract
+from companion.positions import Pose
+from companion.vehicle import FlightMode, VehicleState
+
+
+class Watch:
+    """Compares what one vehicle does with what was sent to it.
+
+    Args:
+        shield: Told of a lag that is longer than it believes.
+        contract: Of the actor: what training has shown it.
+        v_max_mps: The speed cap of the flight.
+        start_s: Now.
+    """
+
+    def __init__(
+        self, shield: Shield, contract: Contract, v_max_mps: float, *, start_s: float
+    ) -> None:
+        self._shield = shield
+        self.envelope = Envelope(contract, v_max_mps)
+        self.drift = CALM
+        self._observer, self._freeze = DriftObserver(), FreezeDetector()
+        self._seen_s = start_s
+        self._sent_enu_mps: FloatArray | None = None
+
+    def is_frozen(self, state: VehicleState | None) -> bool:
+        """Return whether the position stands still while the vehicle cannot."""
+        if state is None:
+            return False
+        sent = self._sent_enu_mps
+        return self._freeze.look(
+            state.position_ned_m,
+            state.velocity_ned_mps,
+            time_s=state.time_s,
+            commanded_mps=0.0 if sent is None else math.sqrt(float(sent @ sent)),
+        )
+
+    def before_sending(self, state: VehicleState | None, pose: Pose | None) -> None:
+        """Compare a new velocity with what was sent before it: what is left is drift."""
+        if state is None or pose is None or state.time_s <= self._seen_s:
+            return
+        follows = state.mode is FlightMode.EXTERNAL
+        self.drift = self._observer.update(
+            pose.velocity_enu_mps,
+            self._sent_enu_mps if follows else None,
+            self._shield.braking,
+            dt_s=state.time_s - self._seen_s,
+        )
+        self._seen_s = state.time_s
+
+    def sent(self, velocity_enu_mps: FloatArray | None) -> None:
+        """Take down what has left, ``(3,)``; ``None`` if nothing has."""
+        self._sent_enu_mps = velocity_enu_mps
+
+    def after_sending(
+        self, now_s: float, pose: Pose | None, flown: Proposal | None
+    ) -> tuple[str, str]:
+        """Compare with training; the speed cap and the shield know in the next tick.
+
+        Args:
+            now_s: When.
+            pose: Of the vehicle.
+            flown: What the policy proposed, where it is what flies.
+
+        Returns:
+            What is to be said, empty if nothing is: of the lag the shield reckons with, and of
+            what training has not shown.
+        """
+        if pose is None:
+            return "", ""
+        news = self.envelope.watch(
+            now_s,
+            pose.velocity_enu_mps,
+            None if flown is None else self._sent_enu_mps,
+            None if flown is None else flown.observation,
+        )
+        believed_s = self._shield.limits.lag_s
+        lag_s = self.envelope.longer_lag_s(believed_s)
+        if lag_s is None:
+            return "", news
+        self._shield.reckon_with_lag(lag_s)
+        return f"the shield reckons with a lag of {lag_s:g} s instead of {believed_s:g} s", news
