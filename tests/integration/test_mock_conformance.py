@@ -31,7 +31,7 @@ NAMES = (*SHORT, *(str(path) for path in FOLDER if path.stem not in SHORT))
 
 KNOWN = {
     "px4_offboard_loss_and_resume": {"mode, arming and state", "landed state", "message rates"},
-    "px4_pilot_takeover": {"the way flown"},
+    "px4_pilot_takeover": {"failsafe felt after"},
 }
 """Deviations that remain, with their reasons in the README of the mock."""
 
