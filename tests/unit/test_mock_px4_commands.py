@@ -1,16 +1,13 @@
 """Commands to PX4 that are rare: their results and texts, as its source has them."""
 
-import math
-
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim.mock.bench import Bench
 from sim.mock.placement import place_vehicle
 from sim.mock.vehicle import Settings
+from tests.unit.px4_bench import ACCEPTED, DENIED, FAILED, NAN, REJECTED, UNSUPPORTED
 
-ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
-NAN = math.nan
 GCS = (255, 190)
 
 
