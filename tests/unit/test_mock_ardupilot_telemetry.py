@@ -124,7 +124,10 @@ def test_a20_gps_loss_lands_with_the_measured_flags_texts_and_delays():
     lost_s = bench.time_s
     autopilot(bench).estimator.gps_lost_at_s = autopilot(bench).now_s
     stream = bench.velocity(0.5, 0.0, 0.0)
-    ekf = lambda: bench.last("EKF_STATUS_REPORT").flags  # noqa: E731
+
+    def ekf():
+        return bench.last("EKF_STATUS_REPORT").flags
+
     assert bench.run(10.0, stream=stream, until=lambda: ekf() == 0x025)
     assert bench.time_s - lost_s == pytest.approx(7.2, abs=0.2)
     assert bench.run(3.0, stream=stream, until=lambda: state(bench)[1] == LAND)
