@@ -1,10 +1,11 @@
 """What real vehicles and links are like: sluggish, short of what is asked, late, lossy, unsteady.
 
 A world is perfect in these by default; ``RECORDED`` is what the recordings of PX4 and ArduCopter
-show, and what their radios do.
+show, ``POOR_RADIO`` the same vehicles far away.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,8 +21,8 @@ class Imperfections:
     """Limits of the acceleration, in place of the lag's."""
     shortfall: tuple[float, float] = (0.0, 0.0)
     """Share of a horizontal velocity that is never reached."""
-    age_s: float = 0.0
-    """Age of the position and velocity that are known; whole steps of the world."""
+    age_s: tuple[float, float] = (0.0, 0.0)
+    """Age of the position and velocity that are known; read off a straight line between steps."""
     setpoint_loss: float = 0.0
     """Share of setpoints that never arrive: the vehicle follows the one before."""
     target_noise: Disturbance | None = None
@@ -30,29 +31,30 @@ class Imperfections:
     """Mean time between two silences of the target, and how long each lasts."""
 
     def __post_init__(self) -> None:
-        most_mps2, short = self.acceleration_max_mps2, self.shortfall
+        most_mps2, short, age_s = self.acceleration_max_mps2, self.shortfall, self.age_s
         if most_mps2 is not None and not 0.0 < most_mps2[0] <= most_mps2[1]:
             raise ValueError(f"acceleration_max_mps2 must be positive, ascend, got {most_mps2}")
         if not 0.0 <= short[0] <= short[1] < 1.0:
             raise ValueError(f"shortfall must ascend within [0, 1), got {short}")
-        if not self.age_s >= 0.0:
-            raise ValueError(f"age_s must not be negative, got {self.age_s}")
+        if not 0.0 <= age_s[0] <= age_s[1]:
+            raise ValueError(f"age_s must ascend from 0, got {age_s}")
         if not 0.0 <= self.setpoint_loss < 1.0:
             raise ValueError(f"setpoint_loss must be in [0, 1), got {self.setpoint_loss}")
         if self.target_silence_s is not None and not min(self.target_silence_s) > 0.0:
             raise ValueError(f"target_silence_s must be positive, got {self.target_silence_s}")
 
 
-RECORDED = Imperfections(
-    acceleration_max_mps2=(1.6, 4.0),
-    shortfall=(0.0, 0.16),
-    age_s=0.1,
+RECORDED = Imperfections(acceleration_max_mps2=(1.6, 2.5), shortfall=(0.0, 0.16), age_s=(0.02, 0.2))
+"""ArduCopter 4.6 accelerates by 1.6 m/s2, PX4 1.18 by 2.5 and falls 14 to 16 % short; positions
+were 20 to 250 ms old, 100 ms as a rule."""
+
+POOR_RADIO = replace(
+    RECORDED,
     setpoint_loss=0.1,
     target_noise=Disturbance(std=0.5, correlation_s=2.0),
     target_silence_s=(10.0, 1.0),
 )
-"""ArduCopter 4.6 accelerates by 1.6 m/s2, PX4 1.18 by 2.5 and falls 14 to 16 % short; positions
-were 20 to 250 ms old. Losses, noise and silences are those of a poor radio, not of recordings."""
+"""Losses, noise and silences are beyond what was recorded."""
 
 
 class Flown:
@@ -65,10 +67,11 @@ class Flown:
         self, options: Imperfections, num_vehicles: int, rng: np.random.Generator, *, dt_s: float
     ) -> None:
         self._options, self.rng, self._dt_s = options, rng, dt_s
-        steps = round(options.age_s / dt_s)
+        steps = math.ceil(options.age_s[1] / dt_s - 1e-9)
         self._arrays: dict[str, FloatArray] = {
             "position_enu_m": np.zeros((num_vehicles, steps + 1, 3)),
             "velocity_enu_mps": np.zeros((num_vehicles, steps + 1, 3)),
+            "age_steps": np.zeros(num_vehicles),
             "setpoint_enu_mps": np.zeros((num_vehicles, 3)),
             "target_enu_m": np.zeros((num_vehicles, 3)),
             "target_error_m": np.zeros((num_vehicles, 3)),
@@ -80,12 +83,12 @@ class Flown:
     @property
     def position_enu_m(self) -> FloatArray:
         """Where the vehicles are known to be, or to have been, ``(N, 3)``."""
-        return self._arrays["position_enu_m"][:, -1]
+        return self._known("position_enu_m")
 
     @property
     def velocity_enu_mps(self) -> FloatArray:
         """How fast, ``(N, 3)``."""
-        return self._arrays["velocity_enu_mps"][:, -1]
+        return self._known("velocity_enu_mps")
 
     @property
     def target_enu_m(self) -> FloatArray:
@@ -132,6 +135,7 @@ class Flown:
         if (most_mps2 := self._options.acceleration_max_mps2) is not None:
             arrays["acceleration_max_mps2"][rows] = rng.uniform(*most_mps2, len(rows))
         arrays["gain"][rows] = 1.0 - rng.uniform(*self._options.shortfall, len(rows))
+        arrays["age_steps"][rows] = rng.uniform(*self._options.age_s, len(rows)) / self._dt_s
         self._arrays = arrays
 
     def receive(self, setpoint_enu_mps: FloatArray) -> FloatArray:
@@ -171,3 +175,13 @@ class Flown:
             known_enu_m = self._arrays["target_enu_m"]
             heard_enu_m = np.where((silent_s > 0.0)[:, None], known_enu_m, heard_enu_m)
         self._arrays["target_enu_m"] = heard_enu_m
+
+    def _known(self, name: str) -> FloatArray:
+        """Return what is known of a quantity: what it was when the vehicle told, ``(N, 3)``."""
+        told = self._arrays[name]
+        if told.shape[1] == 1:
+            return told[:, 0]
+        rows, steps = np.arange(len(told)), self._arrays["age_steps"]
+        later = np.minimum(steps.astype(np.int64), told.shape[1] - 2)
+        share = (steps - later)[:, None]
+        return np.asarray((1.0 - share) * told[rows, later] + share * told[rows, later + 1])

@@ -54,8 +54,9 @@ class Train:
 class Evaluate:
     """Fly held-out cases and count; flying straight at the target is counted beside it.
 
-    An actor of a vehicle that lags is flown as it flies: asked 20 times a second, on a vehicle
-    that lags, in gusts. One of the paper's kinematic point is flown by the paper's step.
+    An actor of a vehicle that lags is flown as it flies: asked 20 times a second, on vehicles as
+    sluggish as recorded ones, in gusts. One of the paper's kinematic point is flown by the paper's
+    step.
     """
 
     actor: str
@@ -78,8 +79,7 @@ class Evaluate:
     moving: bool = False
     """Let the targets move."""
     imperfect: bool = False
-    """Fly vehicles as sluggish as recorded ones, on a poor link, at targets that waver and fall
-    silent."""
+    """Fly on a poor radio: setpoints get lost, targets waver and fall silent."""
     json: bool = False
     """Print one JSON object."""
 

@@ -14,7 +14,7 @@ from companion.policy.observation import WAYS, Layout
 from companion.world.maps import Map
 from sim.edge_cases import edge_cases
 from sim.guides import Surveyor
-from sim.imperfections import RECORDED
+from sim.imperfections import POOR_RADIO
 from sim.world import CityWorld
 from training import cli
 from training.baselines_loop import BASELINES
@@ -106,7 +106,9 @@ class _Judge:
                 )
         self._shield, self._baselines = options.shield, options.baselines
         self._surveyor = Surveyor()
-        self._conditions = Conditions(imperfections=RECORDED if options.imperfect else None)
+        self._conditions = Conditions()
+        if options.imperfect:
+            self._conditions = Conditions(imperfections=POOR_RADIO)
         self._options: dict[str, Any] = {
             "seed": options.seed,
             "moving": options.moving,

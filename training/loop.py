@@ -25,7 +25,7 @@ from companion.world.maps import Map
 from sim.dynamics import Disturbance, VelocityLag, VerticalLimits
 from sim.episodes import EpisodeEnd
 from sim.guides import Surveyor
-from sim.imperfections import Imperfections
+from sim.imperfections import RECORDED, Imperfections
 from sim.motion import Dynamics
 from sim.world import CityWorld
 from training.evaluate import ARRIVAL_RADIUS_M, Evaluation, Policy, summarise
@@ -58,8 +58,8 @@ class Conditions:
     reckons with."""
     start_margin_m: float = 2.0
     """Preflight refuses a take-off nearer to an obstacle than the shield's margin."""
-    imperfections: Imperfections | None = None
-    """Of vehicles and links; ``sim.imperfections.RECORDED`` is what recordings show."""
+    imperfections: Imperfections | None = RECORDED
+    """Of vehicles and links; by default what recordings show, ``None`` for none."""
 
 
 def evaluate_loop(

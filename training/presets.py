@@ -25,12 +25,13 @@ off the target, where episodes end by a chance of 0.2 a step: longer stays are t
 ``flight`` is the same algorithm free to use what makes it work: rays around the vehicle and the way
 round (layout ``ways``), contact ends the episode, five-step returns, twin critics, and sampled
 actions that compete with the actor's own. It trains on what flies: a decision every two seconds
-(10 m at 5 m/s), a vehicle that lags by a time it does not know, climbs at 3 and descends at
-1.5 m/s, in gusts, with an estimate that wavers. gamma keeps the paper world's horizon in seconds:
-0.95 per 4 s. Its reward is the paper's with beta raised, as guidance is paid for every step and a
-crash once, with a term for the last metres, and with the distance to the target measured along the
-way: where hovering before a wall pays nearly as much as arriving behind it, the actor learns to
-hover, and rays cannot show it the way out of a court. It is judged in the control loop.
+(10 m at 5 m/s), a vehicle that lags, accelerates and falls short by what it does not know, climbs
+at 3 and descends at 1.5 m/s, in gusts, with an estimate that wavers and comes late. gamma keeps the
+paper world's horizon in seconds: 0.95 per 4 s. Its reward is the paper's with beta raised, as
+guidance is paid for every step and a crash once, with a term for the last metres, and with the
+distance to the target measured along the way: where hovering before a wall pays nearly as much as
+arriving behind it, the actor learns to hover, and rays cannot show it the way out of a court. It is
+judged in the control loop.
 
 Its angles are measured from the aim, phi as well as psi. While phi was measured from the vertical,
 an actor had to hold its output at the end of tanh to fly straight down, and of ten flights that
@@ -67,6 +68,7 @@ from companion.policy.action import (
 )
 from companion.policy.observation import LAYOUTS, Layout
 from sim.dynamics import Disturbance, VelocityLag, VerticalLimits
+from sim.imperfections import Imperfections
 from sim.motion import Dynamics
 from sim.reward import Reward
 
@@ -128,6 +130,8 @@ class WorldOptions:
     """Added to it at the target, where there is less to learn than on the way."""
     dynamics: Dynamics = field(default_factory=Dynamics)
     """How the vehicle moves; by default the paper's kinematic point."""
+    imperfections: Imperfections | None = field(default=None, repr=False)
+    """What else vehicles with a lag and their links are like."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +189,10 @@ class Preset:
     @property
     def digest(self) -> str:
         """Return a hash of every number: a run may only go on, or be exported, with its own."""
-        return hashlib.sha256(repr(self).encode()).hexdigest()[:12]
+        # Where there are no imperfections nothing is said of them, as before there were any.
+        others = self.world.imperfections
+        numbers = repr(self) if others is None else repr((self, others))
+        return hashlib.sha256(numbers.encode()).hexdigest()[:12]
 
     @property
     def in_the_loop(self) -> bool:
@@ -278,6 +285,15 @@ _FLYING = Dynamics(
     start_speed_mps=5.0,
     substeps=4,
 )
+_FLOWN = Imperfections(
+    acceleration_max_mps2=(1.5, 4.0),
+    shortfall=(0.0, 0.16),
+    age_s=(0.0, 0.2),
+    target_noise=Disturbance(std=0.3, correlation_s=2.0),
+    target_silence_s=(10.0, 1.0),
+)
+"""From the slowest that was recorded (ArduCopter 1.6 m/s2, PX4 2.5) to PX4's MPC_ACC_HOR and
+beyond. No setpoint is lost: a step is two seconds long, and no link is silent for that long."""
 
 _FLIGHT_FREE = Preset(
     name="flight",
@@ -290,6 +306,7 @@ _FLIGHT_FREE = Preset(
         restart_probability=0.02,
         arrived_restart_probability=0.2,
         dynamics=_FLYING,
+        imperfections=_FLOWN,
     ),
     ddpg=DdpgOptions(gamma=0.9747, pre_activation_penalty=0.001, twin_critics=True),
     num_steps=5,

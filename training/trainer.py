@@ -55,6 +55,7 @@ class Trainer:
             restart_probability=options.restart_probability,
             arrived_restart_probability=options.arrived_restart_probability,
             dynamics=options.dynamics,
+            imperfections=options.imperfections,
             targets_per_map=TARGETS_PER_MAP if preset.layout.shows_way else None,
         )
         self._surveyor = Surveyor()

@@ -7,7 +7,7 @@ from companion.policy.action import TARGET_SCALING
 from companion.policy.observation import RELATIVE, WAYS
 from companion.world.maps import build_map
 from sim.dynamics import Disturbance, VelocityLag
-from sim.imperfections import RECORDED, Imperfections
+from sim.imperfections import POOR_RADIO, Imperfections
 from sim.motion import Dynamics
 from sim.world import CityWorld
 
@@ -46,12 +46,26 @@ def test_without_imperfections_nothing_is_drawn_and_all_is_known_at_once():
 
 
 def test_positions_are_as_old_as_told():
-    world = make_world(Imperfections(age_s=0.15))
+    world = make_world(Imperfections(age_s=(0.15, 0.15)))
     start = world.position_enu_m
     np.testing.assert_array_equal(world.estimate_enu_m, start)
     results = follow(world, (3.0, 0.0, 0.0), 8)
     np.testing.assert_array_equal(world.estimate_enu_m, results[4].position_enu_m)
     np.testing.assert_array_equal(world.velocity_enu_mps, results[4].velocity_enu_mps)
+
+
+def test_between_two_steps_what_is_known_is_read_off_a_straight_line():
+    """Training steps are longer than a position is old."""
+    world = make_world(Imperfections(age_s=(0.02, 0.04)))
+    results = follow(world, (3.0, 0.0, 0.0), 8)
+    newest, before = results[-1], results[-2]
+    way_m = newest.position_enu_m - before.position_enu_m
+    behind = (newest.position_enu_m - world.estimate_enu_m)[:, 0] / way_m[:, 0]
+    assert ((behind > 0.4) & (behind < 0.8)).all()
+    assert np.ptp(behind) > 0.2, "each its own"
+    np.testing.assert_allclose(
+        world.estimate_enu_m, newest.position_enu_m - behind[:, None] * way_m, atol=1e-9
+    )
 
 
 def test_a_velocity_is_reached_as_slowly_and_as_nearly_as_told():
@@ -99,10 +113,10 @@ def test_targets_are_seen_with_noise_and_fall_silent():
 
 def test_they_are_taken_restarted_and_restored_with_their_worlds():
     options = {"layout": WAYS, "moving": True, "position_noise": Disturbance(0.3, 2.0)}
-    world = make_world(RECORDED, **options)
+    world = make_world(POOR_RADIO, **options)
     follow(world, (1.0, 2.0, 0.5), 10)
     state = world.state_dict()
-    other = make_world(RECORDED, seed=5, **options)
+    other = make_world(POOR_RADIO, seed=5, **options)
     observation = other.load_state_dict(state)
     results = [follow(each, (1.0, 2.0, 0.5), 20)[-1].observation for each in (world, other)]
     np.testing.assert_array_equal(*results)
@@ -114,7 +128,7 @@ def test_they_are_taken_restarted_and_restored_with_their_worlds():
 
 
 def test_the_cases_are_the_same_however_imperfect_the_vehicles():
-    worlds = [make_world(kind, seed=3, moving=True) for kind in (None, RECORDED)]
+    worlds = [make_world(kind, seed=3, moving=True) for kind in (None, POOR_RADIO)]
     for world in worlds:
         world.reset()
     np.testing.assert_array_equal(*(world.position_enu_m for world in worlds))
@@ -126,7 +140,8 @@ def test_the_cases_are_the_same_however_imperfect_the_vehicles():
     [
         {"acceleration_max_mps2": (0.0, 1.0)},
         {"shortfall": (0.2, 0.1)},
-        {"age_s": -0.1},
+        {"age_s": (-0.1, 0.0)},
+        {"age_s": (0.2, 0.1)},
         {"setpoint_loss": 1.0},
         {"target_silence_s": (0.0, 1.0)},
     ],
