@@ -5,16 +5,20 @@ import os
 import platform
 from pathlib import Path
 
+import torch
+
 from companion.clock import utc_now
+from training.presets import DeviceName
 
 _LIBRARIES = ("numpy", "torch", "shapely", "matplotlib", "onnxruntime")
 
 
-def describe_machine() -> str:
-    """Return processor, cores and system in one line."""
+def describe_machine(device: DeviceName = "cpu") -> str:
+    """Return processor, cores, system and what the networks run on, in one line."""
+    gpu = "no GPU used" if device == "cpu" else torch.cuda.get_device_name()
     return (
         f"{_processor()}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}, "
-        f"no GPU used"
+        f"torch {torch.__version__}, {gpu}"
     )
 
 

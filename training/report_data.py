@@ -51,6 +51,8 @@ class RunResult(msgspec.Struct, frozen=True):
     """Wall-clock, where the log tells it."""
     static: Score
     moving: Score | None
+    machine: str = ""
+    """Where it was trained; earlier reports did not note it."""
 
 
 class RunCurves(msgspec.Struct, frozen=True):
@@ -116,6 +118,7 @@ class Report(msgspec.Struct, frozen=True):
     wall_s: float
     """Of this call; runs that were reused took theirs before."""
     machine: str
+    """Where the test cases were flown."""
     versions: dict[str, str]
     seeds: list[int]
     cases: int
@@ -132,8 +135,6 @@ class Report(msgspec.Struct, frozen=True):
     """Runs that were planned and have not come to their end."""
     coordinates_recipe: list[tuple[str, str, str]] = []
     """Likewise, of the runs from six coordinates alone; empty where there are none."""
-    kept: dict[str, str] = {}
-    """Runs taken over from an earlier report of the folder, with the machine they ran on."""
 
     def of(self, group: str, map_name: str, variant: str = "paper") -> list[RunResult]:
         """Return the runs of a group on a map, by seed."""

@@ -19,8 +19,6 @@ class Kept:
     """What can be taken over."""
 
     runs: list[RunResult]
-    machines: dict[str, str]
-    """By name of the run: what it was trained on."""
     drawn: Drawn
 
 
@@ -34,7 +32,7 @@ def kept_runs(folder: Path, jobs: Sequence[Job], cases: Cases) -> Kept:
         jobs: Each after the one it starts from.
         cases: Must be those of the report: flying straight must still do as it did there.
     """
-    nothing = Kept([], {}, Drawn(curves={}, paths=[], chases=[]))
+    nothing = Kept([], Drawn(curves={}, paths=[], chases=[]))
     if not (folder / NUMBERS).exists():
         return nothing
     report, drawn = read_report(folder)
@@ -50,8 +48,7 @@ def kept_runs(folder: Path, jobs: Sequence[Job], cases: Cases) -> Kept:
             kept.append(result)
         else:
             sources.add(job.init)
-    machines = {run.name: report.kept.get(run.name, report.machine) for run in kept}
-    return Kept(kept[::-1], machines, drawn)
+    return Kept(kept[::-1], drawn)
 
 
 def newest(earlier: Iterable[Scene], later: Iterable[Scene]) -> list[Scene]:

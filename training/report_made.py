@@ -43,10 +43,12 @@ def how_it_was_made(report: Report) -> str:
 
 
 def _machines(report: Report) -> str:
-    """Return this call's machine, and those of runs taken over from an earlier report."""
-    kept = Counter(report.kept.values())
-    before = [f"{count} runs, kept from an earlier report: {name}" for name, count in kept.items()]
-    return "; ".join((report.machine, *before))
+    """Return where runs were trained, and where their actors flew the test cases."""
+    trained = Counter(run.machine or "not noted" for run in report.runs).most_common()
+    if [name for name, _ in trained] == [report.machine]:
+        return report.machine
+    where = "; ".join(f"{count} on {name}" for name, count in trained)
+    return f"runs trained: {where}; test cases flown on {report.machine}"
 
 
 def budget(report: Report) -> str:

@@ -106,7 +106,7 @@ def measure_run(
         ablations fly to resting ones only.
     """
     state = folder.load_checkpoint()
-    log = read_log(folder.log_path)
+    record, log = folder.read_record(), read_log(folder.log_path)
     policy = actor_of(job.preset, state)
     static, flights = cases.fly(policy, job.map, job.preset)
     moving, chases = None, None
@@ -125,7 +125,8 @@ def measure_run(
         updates=job.preset.updates,
         preset_digest=job.preset.digest,
         init=job.init,
-        git_revision=folder.read_record().git_revision,
+        git_revision=record.git_revision,
+        machine=record.machine,
         source=state["trainer"]["best"]["source"],
         train_s=training_s(log),
         static=static,

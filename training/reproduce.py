@@ -64,7 +64,8 @@ def reproduce(options: "cli.Reproduce", typed: str, *, now_s: Callable[[], float
     kept = kept_runs(out, jobs, cases)
     for run in kept.runs:
         console.print(f"{run.name}: measured before, {out}", highlight=False, soft_wrap=True)
-    new = [job for job in jobs if job.name not in kept.machines]
+    known = {run.name for run in kept.runs}
+    new = [job for job in jobs if job.name not in known]
 
     with stop_on_signal() as stop:
         folders, left = train_all(new, options.runs, typed, processes, console, stop)
@@ -102,7 +103,6 @@ def reproduce(options: "cli.Reproduce", typed: str, *, now_s: Callable[[], float
         recipe=_recipe(jobs),
         coordinates_recipe=_coordinates_recipe(jobs),
         unfinished=list(left),
-        kept=kept.machines,
     )
     write_report(report, drawn, out)
     write_figures(out)

@@ -9,6 +9,7 @@ from companion.errors import UsageError
 from companion.world.maps import load_map
 from training.curves import read_log
 from training.export import git_revision
+from training.machine import describe_machine
 from training.places import Place
 from training.reproduce_plan import ACTOR_ONLY, Job
 from training.run_folder import RunFolder, RunRecord
@@ -72,6 +73,7 @@ class Run:
             git_revision=git_revision(),
             command=self.command,
             preset_digest=job.preset.digest,
+            machine=describe_machine(),
         )
 
 

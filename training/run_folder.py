@@ -33,6 +33,8 @@ class RunRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     preset_digest: str = ""
     """Of the preset as it was; runs of before it was noted cannot be told from changed ones."""
     device: DeviceName = "cpu"
+    machine: str = ""
+    """Where it was begun, with the version of torch; earlier runs did not note it."""
 
 
 class RunFolder:

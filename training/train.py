@@ -24,6 +24,7 @@ from sim.guides import Surveyor
 from training.ddpg import ACTORS
 from training.evaluate import Evaluation, Policy, fly_straight
 from training.export import export_actor
+from training.machine import describe_machine
 from training.networks import ActorNetwork
 from training.places import TEST_CITIES, Place, content_hash
 from training.presets import DeviceName, Preset, load_preset
@@ -60,7 +61,8 @@ def start_run(record: RunRecord, folder: RunFolder) -> Trainer:
     trainer = _build(record, record.device)
     if record.init is not None:
         transfer(trainer, RunFolder(Path(record.init)))
-    folder.write_record(record)
+    machine = describe_machine(record.device)
+    folder.write_record(msgspec.structs.replace(record, machine=machine))
     folder.log_path.unlink(missing_ok=True)
     return trainer
 

@@ -8,6 +8,7 @@ decide; it stands still while the actors are judged, on 500 cases by the same fu
 """
 
 import argparse
+import multiprocessing
 import os
 import platform
 import statistics
@@ -139,19 +140,27 @@ def theirs(preset, map_name, seed, networks, **limits):
     return race(advance, policy, preset, map_name, **limits), model.get_parameters()
 
 
-def compete(seeds, stages):
-    rows = []
-    for seed in seeds:
-        for name, learner in (("ours", ours), ("Stable-Baselines3", theirs)):
-            networks = None
-            for stage, map_name, goal, cap_s in stages:
-                preset = PRESETS["paper", stage]
-                lap, networks = learner(
-                    preset, map_name, seed, networks, goal=goal, cap_s=cap_s, every=500
-                )
-                rows.append((map_name, goal, name, seed, lap))
-                said = f"{lap.reached_s:.0f} s" if lap.reached_s else f"not in {lap.seconds:.0f} s"
-                print(f"{map_name} seed {seed} {name}: {said}, best {lap.best:.3f}", flush=True)
+LEARNERS = {"ours": ours, "Stable-Baselines3": theirs}
+
+
+def compete(seeds, stages, processes):
+    """Return the laps of both learners with every seed, each in a process of its own."""
+    runs = [(seed, name, stages) for seed in seeds for name in LEARNERS]
+    with multiprocessing.get_context("spawn").Pool(processes) as pool:
+        return [row for rows in pool.imap_unordered(run, runs, chunksize=1) for row in rows]
+
+
+def run(arguments):
+    seed, name, stages = arguments
+    torch.set_num_threads(1)
+    rows, networks = [], None
+    for stage, map_name, goal, cap_s in stages:
+        lap, networks = LEARNERS[name](
+            PRESETS["paper", stage], map_name, seed, networks, goal=goal, cap_s=cap_s, every=500
+        )
+        rows.append((map_name, goal, name, seed, lap))
+        said = f"{lap.reached_s:.0f} s" if lap.reached_s else f"not in {lap.seconds:.0f} s"
+        print(f"{map_name} seed {seed} {name}: {said}, best {lap.best:.3f}", flush=True)
     return rows
 
 
@@ -159,7 +168,7 @@ def table(rows):
     print("\n| Task | Learner | Seeds that reached it | Processor seconds to it | Updates | Best |")
     print("|---|---|---|---|---|---|")
     for map_name, goal in dict.fromkeys((row[0], row[1]) for row in rows):
-        for name in ("ours", "Stable-Baselines3"):
+        for name in LEARNERS:
             laps = [r[4] for r in rows if (r[0], r[2]) == (map_name, name)]
             there = [lap.reached_s for lap in laps if lap.reached_s is not None]
             times = (
@@ -248,6 +257,7 @@ def main():
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--free-cap-s", type=float, default=300.0)
     parser.add_argument("--env1-cap-s", type=float, default=900.0)
+    parser.add_argument("--processes", type=int, default=1, help="runs at a time")
     parser.add_argument("--profile-updates", type=int, default=1_000)
     options = parser.parse_args()
     torch.set_num_threads(1)
@@ -260,7 +270,7 @@ def main():
     stages = [("free", "free", 0.95, options.free_cap_s)]
     if options.env1_cap_s > 0.0:
         stages.append(("obstacles", "env1", 0.84, options.env1_cap_s))
-    table(compete(options.seeds, stages))
+    table(compete(options.seeds, stages, options.processes))
 
 
 if __name__ == "__main__":

@@ -190,9 +190,17 @@ def test_the_whole_paper(tmp_path, capsys, in_this_process, monkeypatch):
         (run.name, run.static.mean_return) for run in report.runs
     ]
     assert before == {path: path.stat().st_mtime_ns for path in Path("runs").rglob("checkpoint.pt")}
+
+    # One run trained elsewhere: the page tells which, and where.
+    assert f"| machine | {report.machine} |" in page
+    numbers = json.loads((out / "numbers.json").read_text())
+    numbers["runs"][0]["machine"] = "another machine"
+    (out / "numbers.json").write_text(json.dumps(numbers))
     (out / "README.md").unlink()
     assert cli.main(["figures", "--report", str(out)]) == 0
-    assert (out / "README.md").read_text().startswith("# The paper, reproduced")
+    page = (out / "README.md").read_text()
+    assert page.startswith("# The paper, reproduced")
+    assert "; 1 on another machine; test cases flown on" in page
 
 
 def test_what_did_not_finish_is_said(tmp_path, capsys, in_this_process, monkeypatch):
