@@ -1,5 +1,6 @@
 """The books of running episodes, one row per world, and how they closed."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -31,6 +32,20 @@ class EpisodeEnd:
     """Way flown until the arrival, or in all."""
     reward_sum: FloatArray  # (K,)
     """Undiscounted."""
+
+    @classmethod
+    def joined(cls, several: Sequence["EpisodeEnd"]) -> "EpisodeEnd":
+        """Return the episodes of several, in their order."""
+        return cls(
+            **{
+                f.name: np.concatenate([getattr(one, f.name) for one in several])
+                for f in fields(cls)
+            }
+        )
+
+    def take(self, rows: IntArray) -> "EpisodeEnd":
+        """Return some of the episodes."""
+        return EpisodeEnd(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
 @dataclass(slots=True)

@@ -80,6 +80,8 @@ class Evaluate:
     """Let the targets move."""
     imperfect: bool = False
     """Fly on a poor radio: setpoints get lost, targets waver and fall silent."""
+    processes: int = 1
+    """How many parts of the cases are flown at a time; the result is the same."""
     json: bool = False
     """Print one JSON object."""
 

@@ -1,12 +1,17 @@
 """``training evaluate``: an actor and what it is measured against, on the same cases."""
 
-from collections.abc import Callable, Mapping
+import multiprocessing
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
 import msgspec
 from rich.console import Console
 
+from companion import clock
 from companion.arrays import Float32Array
 from companion.errors import UsageError
 from companion.policy.actor import Actor
@@ -18,12 +23,16 @@ from sim.imperfections import POOR_RADIO
 from sim.world import CityWorld
 from training import cli
 from training.baselines_loop import BASELINES
-from training.evaluate import Evaluation, Policy, evaluate_policy, fly_straight
+from training.evaluate import Policy, evaluate_policy, fly_straight
 from training.evaluation_table import Flown, evaluation_table
-from training.loop import Conditions, evaluate_loop
+from training.loop import Conditions, LoopFlights, fly_part
+from training.parts import Part, parts_of
 from training.places import Place
 
 _ACTOR, _STRAIGHT = "actor", "straight"
+
+Begin = Callable[[CityWorld], Float32Array]
+"""Starts the cases in all worlds and returns what is seen first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +41,14 @@ class _Cases:
 
     maps: tuple[Map, ...]
     episodes: int
-    begin: Callable[[CityWorld], Float32Array] = CityWorld.reset
+    begin: Begin = CityWorld.reset
 
 
 Results = Mapping[str, Flown]
 """By who flew: ``actor``, ``straight`` and the names of ``BASELINES``."""
+
+_Pair = tuple[LoopFlights, LoopFlights | None]
+"""A policy's flights of one part alone, and with the shield where it was asked for."""
 
 
 def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float]) -> int:
@@ -45,18 +57,17 @@ def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float])
     Raises:
         UsageError: If the options contradict each other or ask for what is not there.
     """
+    if options.processes < 1:
+        raise UsageError(f"--processes must be at least 1, got {options.processes}")
     cases = _cases(options)
-    actor = Actor.load(options.actor)
-    judge = _Judge(actor, options, now_s)
+    judge = _Judge(options, now_s)
     for city in (city for one in cases.values() for city in one.maps):
-        actor.check_fits(city, actor.contract.dynamics.v_max_mps or 0.0)
-    results = {}
-    for where, one in cases.items():
-        with Console(stderr=True).status(f"flying {where}: {one.episodes} cases"):
-            results[where] = judge.fly_all(one)
+        judge.actor.check_fits(city, judge.contract.dynamics.v_max_mps or 0.0)
+    with Console(stderr=True).status("flying") as status:
+        results = _fly(judge, cases, options, status.update)
     if options.json:
         said = {
-            "actor": actor.name,
+            "actor": judge.actor.name,
             "map": options.map,
             "cities": options.cities,
             "seed": options.seed,
@@ -71,7 +82,7 @@ def evaluate(options: "cli.Evaluate", typed: str, *, now_s: Callable[[], float])
     console = Console(highlight=False, markup=False, soft_wrap=True)
     how = "asked 20 times a second" if judge.in_the_loop else "by the paper's step"
     console.print(f"{options.episodes} cases, seed {options.seed}, {how}")
-    for table in _tables(results, actor.name, edge_cases=options.edge_cases):
+    for table in _tables(results, judge.actor.name, edge_cases=options.edge_cases):
         console.print(f"\n{table}")
     shielded = [flown[_ACTOR].with_shield for flown in results.values()]
     if beyond := sum(one.out_of_reach or 0 for one in shielded if one is not None):
@@ -87,72 +98,126 @@ class _Judge:
         UsageError: If options need a vehicle with a speed, and the actor has none.
     """
 
-    def __init__(self, actor: Actor, options: "cli.Evaluate", now_s: Callable[[], float]) -> None:
-        self._actor = actor
-        self._contract = actor.contract
+    def __init__(self, options: "cli.Evaluate", now_s: Callable[[], float]) -> None:
+        self.actor = Actor.load(options.actor)
+        self.contract = self.actor.contract
         # What was trained on a vehicle with a lag is flown on one; the paper's point has none.
-        self.in_the_loop = actor.contract.dynamics.velocity_lag_s is not None
+        self.in_the_loop = self.contract.dynamics.velocity_lag_s is not None
         asked = {
             "--shield": options.shield,
             "--baselines": options.baselines,
             "--edge-cases": options.edge_cases,
             "--imperfect": options.imperfect,
+            "--processes": options.processes > 1,
         }
         for option in (option for option, given in asked.items() if given):
             if not self.in_the_loop:
                 raise UsageError(
-                    f"{option} needs a vehicle with a speed: {actor.name} is evaluated as the "
+                    f"{option} needs a vehicle with a speed: {self.actor.name} is evaluated as the "
                     f"paper's kinematic point"
                 )
-        self._shield, self._baselines = options.shield, options.baselines
-        self._surveyor = Surveyor()
-        self._conditions = Conditions()
-        if options.imperfect:
-            self._conditions = Conditions(imperfections=POOR_RADIO)
-        self._options: dict[str, Any] = {
+        self._options = options
+        self._how: dict[str, Any] = {
             "seed": options.seed,
             "moving": options.moving,
             "measure_clearance": True,
             "now_s": now_s,
         }
 
-    def fly_all(self, cases: _Cases) -> Results:
-        """Fly the actor and what it is measured against."""
+    def fly_part(self, part: Part, begin: Begin) -> dict[str, _Pair]:
+        """Fly the actor and what it is measured against in the control loop."""
+        options, layout = self._options, self.contract.layout
+        surveyor = Surveyor()
+        conditions = Conditions(imperfections=POOR_RADIO) if options.imperfect else Conditions()
 
-        def ask(_: CityWorld, observation: Float32Array) -> Float32Array:
-            return self._actor.act(observation)
+        def fly(policy: Policy, layout: Layout, shield: bool) -> LoopFlights:
+            return fly_part(
+                policy,
+                part,
+                layout,
+                self.contract.action,
+                v_max_mps=self.contract.dynamics.v_max_mps or 0.0,
+                shield=shield,
+                conditions=conditions,
+                surveyor=surveyor,
+                begin=begin,
+                **self._how,
+            )
 
-        layout = self._contract.layout
         # Straight behind the shield is one baseline more, for who asks for them.
-        shield = self._shield and self._baselines
-        flown = {
-            _ACTOR: self._fly(ask, layout, cases, shield=self._shield),
-            _STRAIGHT: self._fly(fly_straight, layout, cases, shield=shield),
+        shielded = options.shield and options.baselines
+        policies: dict[str, tuple[Policy, Layout, bool]] = {
+            _ACTOR: (self._ask, layout, options.shield),
+            _STRAIGHT: (fly_straight, layout, shielded),
         }
-        if self._baselines:
-            for name, policy in BASELINES.items():
-                flown[name] = self._fly(policy, WAYS, cases, shield=shield)
-        return flown
+        if options.baselines:
+            policies |= {name: (policy, WAYS, shielded) for name, policy in BASELINES.items()}
+        return {
+            name: (fly(policy, seen, False), fly(policy, seen, True) if shield else None)
+            for name, (policy, seen, shield) in policies.items()
+        }
 
-    def _fly(self, policy: Policy, layout: Layout, cases: _Cases, *, shield: bool) -> Flown:
-        alone = self._count(policy, layout, cases, shield=False)
-        return Flown(alone, self._count(policy, layout, cases, shield=True) if shield else None)
+    def count_kinematic(self, cases: _Cases) -> Results:
+        """Count the actor and straight flights by the paper's step."""
+        where = cases.maps, self.contract.layout, self.contract.action
+        return {
+            name: Flown(evaluate_policy(policy, *where, episodes=cases.episodes, **self._how), None)
+            for name, policy in ((_ACTOR, self._ask), (_STRAIGHT, fly_straight))
+        }
 
-    def _count(self, policy: Policy, layout: Layout, cases: _Cases, *, shield: bool) -> Evaluation:
-        v_max_mps = self._contract.dynamics.v_max_mps
-        flown = (policy, cases.maps, layout, self._contract.action)
-        if v_max_mps is None or not self.in_the_loop:
-            return evaluate_policy(*flown, episodes=cases.episodes, **self._options)
-        return evaluate_loop(
-            *flown,
-            v_max_mps=v_max_mps,
-            episodes=cases.episodes,
-            shield=shield,
-            conditions=self._conditions,
-            surveyor=self._surveyor,
-            begin=cases.begin,
-            **self._options,
+    def _ask(self, _: CityWorld, observation: Float32Array) -> Float32Array:
+        return self.actor.act(observation)
+
+
+def _fly(
+    judge: _Judge,
+    cases: Mapping[str, _Cases],
+    options: "cli.Evaluate",
+    tell: Callable[[str], None],
+) -> dict[str, Results]:
+    """Return what came of every set of cases."""
+    if not judge.in_the_loop:
+        return {name: judge.count_kinematic(one) for name, one in cases.items()}
+    work = [
+        (name, part, one.begin)
+        for name, one in cases.items()
+        for part in parts_of(one.maps, one.episodes)
+    ]
+    flown: dict[str, list[dict[str, _Pair]]] = {name: [] for name in cases}
+    names, parts, begins = zip(*work, strict=True)
+    with _workers(options.processes) as map_:
+        done = map_(_fly_part, repeat(options), parts, begins)
+        for number, (name, pairs) in enumerate(zip(names, done, strict=True), start=1):
+            flown[name].append(pairs)
+            tell(f"flown {name}: {number} of {len(work)} parts")
+    return {name: _counted(parts) for name, parts in flown.items()}
+
+
+@contextmanager
+def _workers(processes: int) -> Iterator[Callable[..., Iterable[dict[str, _Pair]]]]:
+    """Return what calls a function on one item after the other, ``processes`` at a time."""
+    if processes == 1:
+        yield map
+        return
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+        yield pool.map
+
+
+def _fly_part(options: "cli.Evaluate", part: Part, begin: Begin) -> dict[str, _Pair]:
+    return _Judge(options, clock.now_s).fly_part(part, begin)
+
+
+def _counted(parts: Sequence[dict[str, _Pair]]) -> Results:
+    """Return what came of all parts of a set of cases."""
+    results = {}
+    for who in parts[0]:
+        alone, with_shield = zip(*(pairs[who] for pairs in parts), strict=True)
+        shielded = [flown for flown in with_shield if flown is not None]
+        results[who] = Flown(
+            LoopFlights.joined(alone).evaluation(),
+            LoopFlights.joined(shielded).evaluation() if shielded else None,
         )
+    return results
 
 
 def _cases(options: "cli.Evaluate") -> dict[str, _Cases]:

@@ -7,19 +7,13 @@ actor wants, then what the shield makes of it.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from companion.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from companion.guidance.drift import DriftObserver
-from companion.guidance.shield import Shield, ShieldLimits
-from companion.policy.action import (
-    ActionScaling,
-    action_to_velocity_mps,
-    bearing_to_target_rad,
-    polar_to_target_rad,
-)
+from companion.policy.action import ActionScaling
 from companion.policy.observation import Layout
 from companion.world.maps import Map
 from sim.dynamics import Disturbance, VelocityLag, VerticalLimits
@@ -29,6 +23,8 @@ from sim.imperfections import RECORDED, Imperfections
 from sim.motion import Dynamics
 from sim.world import CityWorld
 from training.evaluate import ARRIVAL_RADIUS_M, Evaluation, Policy, summarise
+from training.guard import Guard
+from training.parts import Part, parts_of
 from training.reach import out_of_reach
 from training.seeds import Purpose, generator
 
@@ -62,14 +58,73 @@ class Conditions:
     """Of vehicles and links; by default what recordings show, ``None`` for none."""
 
 
+@dataclass(frozen=True, slots=True)
+class LoopFlights:
+    """How cases went, in their order."""
+
+    ended: EpisodeEnd
+    clearance_m: FloatArray
+    """Smallest distance to an obstacle until arrival, ``(N,)``; infinite where not measured."""
+    interventions: int
+    """Of the shield."""
+    out_of_reach: int | None
+    """As in ``Evaluation``."""
+    seconds: float
+
+    @classmethod
+    def joined(cls, parts: Sequence["LoopFlights"]) -> "LoopFlights":
+        """Return the flights of all parts, which are given in their order."""
+        beyond = [part.out_of_reach for part in parts if part.out_of_reach is not None]
+        return cls(
+            EpisodeEnd.joined([part.ended for part in parts]),
+            np.concatenate([part.clearance_m for part in parts]),
+            sum(part.interventions for part in parts),
+            sum(beyond) if len(beyond) == len(parts) else None,
+            sum(part.seconds for part in parts),
+        )
+
+    def evaluation(self) -> Evaluation:
+        """Return what came of them."""
+        return summarise(
+            self.ended,
+            self.clearance_m,
+            interventions=self.interventions,
+            out_of_reach=self.out_of_reach,
+            seconds=self.seconds,
+        )
+
+
 def evaluate_loop(
     policy: Policy,
     maps: Sequence[Map],
     layout: Layout,
     scaling: ActionScaling,
     *,
-    v_max_mps: float,
     episodes: int,
+    **options: Any,
+) -> Evaluation:
+    """Fly ``episodes`` cases in the control loop, part by part, and count.
+
+    Args:
+        policy: What flies.
+        maps: Where; the cases are spread evenly over several.
+        layout: What the policy sees.
+        scaling: What its actions mean.
+        episodes: How many cases.
+        options: As for ``fly_part``.
+    """
+    parts = parts_of(maps, episodes)
+    flown = [fly_part(policy, part, layout, scaling, **options) for part in parts]
+    return LoopFlights.joined(flown).evaluation()
+
+
+def fly_part(
+    policy: Policy,
+    part: Part,
+    layout: Layout,
+    scaling: ActionScaling,
+    *,
+    v_max_mps: float,
     seed: int,
     purpose: Purpose = Purpose.TEST,
     moving: bool = False,
@@ -79,16 +134,15 @@ def evaluate_loop(
     surveyor: Surveyor | None = None,
     begin: Callable[[CityWorld], Float32Array] = CityWorld.reset,
     now_s: Callable[[], float],
-) -> Evaluation:
-    """Fly ``episodes`` cases in the control loop and count.
+) -> LoopFlights:
+    """Fly a part of the cases at once in the control loop.
 
     Args:
         policy: What flies.
-        maps: Where; the cases are spread evenly over several.
+        part: Which of the cases.
         layout: What the policy sees.
         scaling: What its actions mean.
         v_max_mps: Speed of its longest step.
-        episodes: How many cases, all flown at once.
         seed: Chooses the cases, together with ``purpose``; a shield changes none of them.
         purpose: ``TEST`` cases are disjoint from those of training and validation.
         moving: Let the targets move.
@@ -99,13 +153,13 @@ def evaluate_loop(
         begin: Starts the cases and returns what is seen first; by default at random places.
         now_s: Clock for ``seconds``.
     """
-    began_s = now_s()
+    began_s, episodes = now_s(), part.episodes
     world = _loop_world(
-        maps,
+        part.maps,
         layout,
         scaling,
         episodes,
-        generator(seed, purpose),
+        generator(seed, purpose, part.number),
         v_max_mps,
         moving,
         conditions or Conditions(),
@@ -147,7 +201,7 @@ def evaluate_loop(
             guard.take(rows)
     if len(case) > 0:
         books.close(case, world.books(), np.ones(len(case), dtype=np.bool_))
-    return summarise(
+    return LoopFlights(
         books.closed,
         clearance_m,
         interventions=0 if guard is None else guard.interventions,
@@ -187,54 +241,6 @@ def _loop_world(
     )
 
 
-class Guard:
-    """One shield for each world, as flight has one; told the estimates that flight would have."""
-
-    def __init__(self, world: CityWorld, v_max_mps: float) -> None:
-        limits = ShieldLimits(v_max_mps=v_max_mps, period_s=1.0 / RATE_HZ)
-        shields: dict[str, Shield] = {}
-        for number in range(world.num_worlds):
-            city = world.map_of(number)
-            if city.name not in shields:
-                shields[city.name] = Shield(city, limits)
-        self._shields = [shields[world.map_of(n).name] for n in range(world.num_worlds)]
-        self.margin_m = limits.margin_m
-        self._observers = [DriftObserver() for _ in self._shields]
-        self._sent_enu_mps = np.zeros((world.num_worlds, 3))
-        self.interventions = 0
-
-    def take(self, rows: IntArray) -> None:
-        """Keep the shields of some worlds."""
-        self._shields = [self._shields[row] for row in rows]
-        self._observers = [self._observers[row] for row in rows]
-        self._sent_enu_mps = self._sent_enu_mps[rows]
-
-    def check(self, world: CityWorld, action: Float32Array | FloatArray) -> FloatArray:
-        """Return the velocities to send, ``(N, 3)``."""
-        position_m, velocity_mps = world.estimate_enu_m, world.velocity_enu_mps
-        wanted_mps = action_to_velocity_mps(
-            action,
-            world.scaling,
-            world.v_max_mps,
-            bearing_to_target_rad(position_m, world.aim_enu_m),
-            polar_to_target_rad(position_m, world.aim_enu_m),
-        )
-        sent_mps = np.empty_like(wanted_mps)
-        for row, shield in enumerate(self._shields):
-            decision = shield.check(
-                wanted_mps[row],
-                position_enu_m=position_m[row],
-                velocity_now_enu_mps=velocity_mps[row],
-                drift=self._observers[row].update(
-                    velocity_mps[row], self._sent_enu_mps[row], shield.braking, dt_s=world.dt_s
-                ),
-            )
-            sent_mps[row] = decision.velocity_enu_mps
-            self.interventions += decision.intervened
-        self._sent_enu_mps = sent_mps
-        return sent_mps
-
-
 class _Books:
     """How the cases ended, in their own order whatever the order they end in."""
 
@@ -245,17 +251,9 @@ class _Books:
     def close(self, cases: IntArray, books: EpisodeEnd, rows: BoolArray) -> None:
         """Enter the cases of some rows."""
         self._cases.append(cases)
-        self._closed.append(
-            EpisodeEnd(**{f.name: getattr(books, f.name)[rows] for f in fields(EpisodeEnd)})
-        )
+        self._closed.append(books.take(np.flatnonzero(rows)))
 
     @property
     def closed(self) -> EpisodeEnd:
         """Return all cases."""
-        order = np.argsort(np.concatenate(self._cases))
-        return EpisodeEnd(
-            **{
-                f.name: np.concatenate([getattr(end, f.name) for end in self._closed])[order]
-                for f in fields(EpisodeEnd)
-            }
-        )
+        return EpisodeEnd.joined(self._closed).take(np.argsort(np.concatenate(self._cases)))

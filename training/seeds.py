@@ -19,10 +19,11 @@ class Purpose(IntEnum):
     """Cases of ``training evaluate``, never seen by training nor by its choice."""
 
 
-def generator(seed: int, purpose: Purpose) -> np.random.Generator:
-    """Return the stream of ``purpose`` under ``seed``.
+def generator(seed: int, purpose: Purpose, part: int | None = None) -> np.random.Generator:
+    """Return the stream of ``purpose`` under ``seed``, or of a part of what it is for.
 
-    The purpose is part of the SeedSequence's spawn key: two purposes never share a stream,
+    Purpose and part are in the SeedSequence's spawn key: two of them never share a stream,
     whatever the seeds.
     """
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(purpose),)))
+    key = (int(purpose),) if part is None else (int(purpose), part)
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))

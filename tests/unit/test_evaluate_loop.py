@@ -15,7 +15,8 @@ from sim.dynamics import VelocityLag
 from sim.motion import Dynamics
 from sim.world import CityWorld
 from training.evaluate import fly_straight
-from training.loop import Conditions, Guard, evaluate_loop
+from training.guard import Guard
+from training.loop import Conditions, evaluate_loop
 
 FREE = load_map("free")
 # A wall from border to border and from the ground to the ceiling, 20 m thick.

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from training import cli, presets, train
+from training import cli, parts, presets, train
 
 EVALUATION_KEYS = {
     "episodes",
@@ -67,6 +67,11 @@ def failure(capsys, *arguments):
             ["evaluate", "--actor", "paper-free", "--map", "free", "--imperfect"],
             "--imperfect needs a vehicle",
         ),
+        (
+            ["evaluate", "--actor", "paper-free", "--map", "free", "--processes", "2"],
+            "--processes needs a vehicle",
+        ),
+        (["evaluate", "--actor", "flight", "--map", "free", "--processes", "0"], "--processes"),
         (["evaluate", "--actor", "flight", "--edge-cases", "--moving"], "of its own"),
         (["evaluate", "--actor", "flight", "--edge-cases", "--episodes", "3"], "at least 7"),
         (["train", "--map", "free", "--cities", "4"], "need one of --map and --cities"),
@@ -162,6 +167,19 @@ def test_with_the_shield_both_results_stand_side_by_side(capsys):
     row = next(number for number, line in enumerate(lines) if line.startswith("flight "))
     assert lines[row + 1].startswith("  with shield ")
     assert lines[row + 2].startswith("flying straight ")
+
+
+def test_two_processes_count_what_one_does(capsys, monkeypatch):
+    monkeypatch.setattr(parts, "PART_CASES", 3)
+    arguments = ["evaluate", "--actor", "flight", "--map", "env1", "--episodes", "5", "--json"]
+    results = []
+    for processes in ("1", "2"):
+        assert cli.main([*arguments, "--processes", processes]) == 0
+        results.append(json.loads(capsys.readouterr().out))
+        del results[-1]["seconds"], results[-1]["command"]
+        for flown in results[-1]["baselines"].values():
+            del flown["alone"]["seconds"]
+    assert results[0] == results[1]
 
 
 def test_baselines_fly_the_same_cases_alone_and_with_the_shield(capsys):
