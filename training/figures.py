@@ -10,8 +10,9 @@ from training.curves import Curve
 from training.evaluate import wilson_interval
 from training.figure_curves import Bar, Level, draw_ablations, draw_completion, draw_rewards
 from training.figure_paths import draw_chase, draw_paths
+from training.report_comparisons import STARTS
 from training.report_data import Drawn, Points, Report, RunResult
-from training.report_page import TITLES
+from training.report_results import TITLES
 from training.report_words import PAPER_RATES
 from training.reproduce_plan import ABLATION_MAP, OBSTACLE_MAPS
 
@@ -59,7 +60,7 @@ def _rewards(report: Report, drawn: Drawn, path: Path, mark: str) -> Path | None
 
 def _transfer(report: Report, drawn: Drawn, path: Path, mark: str) -> Path | None:
     groups: dict[str, list[Curve]] = {}
-    for variant, label in page.STARTS.items():
+    for variant, label in STARTS.items():
         curves = [
             _curve(drawn.curves[run.name].validation)
             for run in report.of("ablation", ABLATION_MAP, variant)
