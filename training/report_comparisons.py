@@ -40,10 +40,15 @@ def what_transfer_buys(report: Report) -> str:
             "points more."
         )
     if ACTOR_ONLY in averages and len(averages) == len(STARTS):
+        against_both = averages[ACTOR_ONLY] - averages[RECIPE]
+        critic = (
+            "The critic of the free stage, which has seen no obstacle, is in the way: with"
+            if against_both > 0.0
+            else "The critic of the free stage is not the cause: with"
+        )
         verdict.append(
-            "A likely cause is the critic, which has seen no obstacle: with a random one instead "
-            f"the free actor comes to {averages[ACTOR_ONLY]:.1f} %, "
-            f"{averages[ACTOR_ONLY] - averages[RECIPE]:+.1f} points against both, "
+            f"{critic} a random one instead the free actor comes to "
+            f"{averages[ACTOR_ONLY]:.1f} %, {against_both:+.1f} points against both, "
             f"{averages[ACTOR_ONLY] - averages[SCRATCH]:+.1f} against neither."
         )
     return "\n\n".join(

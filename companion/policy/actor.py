@@ -6,6 +6,7 @@ the contract as JSON in ``metadata_props``.
 """
 
 import hashlib
+import re
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -35,10 +36,13 @@ class Actor:
         contract: Contract,
         *,
         name: str,
+        asked_as: str,
         sha256: str,
     ) -> None:
         self.contract = contract
         self.name = name
+        self.asked_as = asked_as
+        """What ``--actor`` takes for it: a file or the name of a bundled one."""
         self.sha256 = sha256
         self._session = session
         self._input = session.get_inputs()[0].name
@@ -70,7 +74,13 @@ class Actor:
             )
         contract = decode_contract(metadata[CONTRACT_KEY], file=path.name)
         _check_shapes(session, contract.layout, file=path.name)
-        actor = cls(session, contract, name=path.stem, sha256=hashlib.sha256(content).hexdigest())
+        actor = cls(
+            session,
+            contract,
+            name=path.stem,
+            asked_as=str(path_or_name),
+            sha256=hashlib.sha256(content).hexdigest(),
+        )
         _probe(actor, file=path.name)
         return actor
 
@@ -172,7 +182,7 @@ def describe_actor(actor: Actor) -> str:
             f"collided {100 * record.collision_rate:.1f} %, "
             f"timed out {100 * record.timeout_rate:.1f} %",
             f"          flying straight: {100 * record.straight_completion_rate:.1f} %",
-            f"          {record.command}",
+            f"          {_evaluation_command(record.command, actor)}",
         ]
     if contract.seen is None:
         return "\n".join([*lines, describe_layout(contract.layout)])
@@ -183,6 +193,11 @@ def describe_actor(actor: Actor) -> str:
             describe_layout(contract.layout, contract.seen.columns),
         ]
     )
+
+
+def _evaluation_command(command: str, actor: Actor) -> str:
+    """Return the command for the actor's file of today: it may have been called otherwise."""
+    return re.sub(r"--actor +[^ ]+", lambda _: f"--actor {actor.asked_as}", command)
 
 
 def _describe_seen(seen: SeenContract) -> list[str]:

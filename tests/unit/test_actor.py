@@ -301,6 +301,8 @@ def test_the_description_names_what_matters(tmp_path):
         command="training evaluate --actor a --map yard",
     )
     contract = make_contract(map=MapContract("yard", "ab" * 32), evaluation=(record,))
-    text = describe_actor(Actor.load(make_file(tmp_path / "a.onnx", metadata=contract)))
+    path = make_file(tmp_path / "b.onnx", metadata=contract)
+    text = describe_actor(Actor.load(path))
+    assert f"training evaluate --actor {path} --map yard" in text
     for word in ("yard only (abababababab)", "87.5 %", "47.0 %", "training train", "relative"):
         assert word in text
