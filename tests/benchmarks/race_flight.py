@@ -13,9 +13,11 @@ of this process on one thread; it stands still while networks are judged.
 
 import argparse
 import json
+import multiprocessing
 import os
 import platform
 import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import gymnasium
@@ -233,6 +235,7 @@ LEARNERS = {
 
 def run(name, seed, episodes, shielded_episodes):
     """Train through both stages and return what came of it."""
+    torch.set_num_threads(1)
     networks, seconds = None, 0.0
     for stage, place in (("free", Place(map="free")), ("obstacles", Place(cities=CITIES))):
         preset = PRESETS["flight", stage]
@@ -299,22 +302,28 @@ def main():
     parser.add_argument("--seeds", type=int, nargs="+", default=[1])
     parser.add_argument("--episodes", type=int, default=1000)
     parser.add_argument("--shielded-episodes", type=int, default=400)
+    parser.add_argument("--processes", type=int, default=1, help="so many runs at a time")
     parser.add_argument("--out", type=Path, help="file to which results are appended as they come")
     options = parser.parse_args()
-    torch.set_num_threads(1)
     print(
         f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, "
         f"torch {torch.__version__}, load average {os.getloadavg()[0]:.1f}\n",
         flush=True,
     )
     rows = []
-    for seed in options.seeds:
-        for name in options.learners:
-            rows.append(run(name, seed, options.episodes, options.shielded_episodes))
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(options.processes, context) as pool:
+        racing = [
+            pool.submit(run, name, seed, options.episodes, options.shielded_episodes)
+            for seed in options.seeds
+            for name in options.learners
+        ]
+        for over in as_completed(racing):
+            rows.append(over.result())
             if options.out is not None:
                 with options.out.open("a") as file:
                     file.write(json.dumps(rows[-1]) + "\n")
-    table(rows)
+    table(sorted(rows, key=lambda row: (row["learner"], row["seed"])))
 
 
 if __name__ == "__main__":
