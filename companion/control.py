@@ -13,6 +13,7 @@ import numpy as np
 from companion.announcing import Announcer
 from companion.arrays import FloatArray
 from companion.commands import Commands
+from companion.guarding import Guard
 from companion.guidance.guidance import Proposal
 from companion.guidance.limits import ARRIVAL_RADIUS_M
 from companion.guidance.reasons import Reason
@@ -94,11 +95,12 @@ class Flight:
             stop_requested: Asked once a tick; ``True`` ends the flight in an orderly way.
             session_start_s: Zero of the recorded times; now, if not given.
             alive: Told the phase at the end of every tick, for a watchdog; must never block.
-            think_ahead_s: So long before a tick the policy is asked about the position that is
-                there by then; the tick asks again only if a newer one has come. Changes nothing but
-                the latency.
+            think_ahead_s: So long before a tick policy and shield are asked about the position
+                that is there by then; the tick asks again only if a newer one has come. Changes
+                nothing but the latency.
         """
         self._vehicle, self._mission, self._shield = vehicle, mission, shield
+        self._guard = Guard(shield)
         self._record, self._stop_requested, self._alive = record, stop_requested, alive
         self._think_ahead_s = think_ahead_s
         self._start_s = vehicle.now_s()
@@ -136,7 +138,7 @@ class Flight:
             deadline_s = self._start_s + tick * period_s
             if self._think_ahead_s > 0.0:
                 self._vehicle.wait_until(deadline_s - self._think_ahead_s)
-                self._proposer.propose(*self._look(self._vehicle.state(), deadline_s))
+                self._think_ahead(deadline_s)
             self._vehicle.wait_until(deadline_s)
             directive = self._step(deadline_s)
             if directive.outcome is not None:
@@ -178,7 +180,7 @@ class Flight:
         if directive.request is not None:
             self._vehicle.request(directive.request, altitude_m=self._mission.plan.takeoff_m)
         self._watch.before_sending(state, pose)
-        decision = self._guard(directive, pose, proposal)
+        decision = self._shielded(directive, pose, proposal)
         sent = self._send(directive, decision)
         self._watch.sent(sent)
         sent_s = self._vehicle.now_s()
@@ -225,6 +227,15 @@ class Flight:
             self._alive(directive.phase)
         self._proposer.look_ahead(pose, target)
         return directive
+
+    def _think_ahead(self, deadline_s: float) -> None:
+        """Ask policy and shield what they will most likely be asked again at ``deadline_s``."""
+        state = self._vehicle.state()
+        pose, target = self._look(state, deadline_s)
+        proposal = self._proposer.propose(pose, target)
+        if self._supervisor.phase is Phase.ENGAGED and pose is not None and proposal is not None:
+            wanted_enu_mps = self._watch.envelope.limited(proposal.velocity_enu_mps)
+            self._guard.check(wanted_enu_mps, pose, self._watch.expected_drift(state, pose))
 
     def _look(
         self, state: VehicleState | None, time_s: float
@@ -281,7 +292,7 @@ class Flight:
             target_changed=self._commands.take_target_changed(),
         )
 
-    def _guard(
+    def _shielded(
         self, directive: Directive, pose: Pose | None, proposal: Proposal | None
     ) -> ShieldDecision | None:
         """Return what the shield makes of the proposal, or of a hold; ``None`` if not asked."""
@@ -293,12 +304,7 @@ class Flight:
             wanted_enu_mps = _ZERO
         else:
             return None
-        return self._shield.check(
-            wanted_enu_mps,
-            position_enu_m=pose.position_enu_m,
-            velocity_now_enu_mps=pose.velocity_enu_mps,
-            drift=self._watch.drift,
-        )
+        return self._guard.check(wanted_enu_mps, pose, self._watch.drift)
 
     def _send(self, directive: Directive, decision: ShieldDecision | None) -> FloatArray | None:
         """Send at most one setpoint; return its velocity on the map, ``None`` if none left."""

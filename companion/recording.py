@@ -1,11 +1,10 @@
 """What the flying process says of itself to the session: one turn of the loop, its actor."""
 
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
-from typing import SupportsFloat
 
-from companion.arrays import FloatArray
+from companion.arrays import Float32Array, FloatArray
 from companion.guidance.drift import Drift
 from companion.guidance.guidance import Proposal
 from companion.guidance.shield import ShieldDecision
@@ -46,7 +45,7 @@ def tick_record(
         target_tier=target.tier,
         observation=_list(None if proposal is None else proposal.observation),
         action=_list(None if proposal is None else proposal.action),
-        spherical=_list(None if proposal is None else proposal.spherical),
+        spherical=None if proposal is None else list(proposal.spherical),
         proposed_enu_mps=_list(None if proposal is None else proposal.velocity_enu_mps),
         safe_enu_mps=_list(sent_enu_mps),
         clearance_m=None if decision is None else decision.clearance_m,
@@ -94,5 +93,5 @@ def _version(package: str) -> str:
         return "(unknown)"
 
 
-def _list(values: Iterable[SupportsFloat] | None) -> list[float] | None:
-    return None if values is None else [float(value) for value in values]
+def _list(values: FloatArray | Float32Array | None) -> list[float] | None:
+    return None if values is None else values.tolist()

@@ -40,6 +40,7 @@ RECORDER_CLOSE_S = 20.0
 RECORDER_HURRY_S = 1.0
 """After a second signal, or one that comes while the recorder finishes."""
 _PROBE_BYTES = 1 << 16
+_TIMER_SLACK = Path("/proc/self/timerslack_ns")
 _LOG = logging.getLogger("companion")
 
 
@@ -103,6 +104,7 @@ def run(config: RunConfig) -> Summary:
             ):
                 gc.collect()
                 gc.freeze()
+                _wake_on_time()
                 summary = fly(
                     vehicle,
                     config,
@@ -118,6 +120,12 @@ def run(config: RunConfig) -> Summary:
     summary = msgspec.structs.replace(summary, session_dir=str(folder), v_max_mps=cap.v_max_mps)
     _finish(recorder, folder, summary, in_a_hurry=signals.count > 1)
     return summary
+
+
+def _wake_on_time() -> None:
+    """Have Linux end our waits when they are over, not up to 0.05 ms later."""
+    with contextlib.suppress(OSError):
+        _TIMER_SLACK.write_text("1")
 
 
 class _Signals:

@@ -1,9 +1,10 @@
 """What flight shows of the vehicle: its drift, its lag, and whether it tells the truth."""
 
+import copy
 import math
 
 from companion.arrays import FloatArray
-from companion.guidance.drift import CALM, DriftObserver
+from companion.guidance.drift import CALM, Drift, DriftObserver
 from companion.guidance.envelope import Envelope
 from companion.guidance.freeze import FreezeDetector
 from companion.guidance.guidance import Proposal
@@ -47,16 +48,26 @@ class Watch:
 
     def before_sending(self, state: VehicleState | None, pose: Pose | None) -> None:
         """Compare a new velocity with what was sent before it: what is left is drift."""
+        self.drift = self._drift_by(self._observer, state, pose)
+        if state is not None and pose is not None:
+            self._seen_s = max(self._seen_s, state.time_s)
+
+    def expected_drift(self, state: VehicleState | None, pose: Pose | None) -> Drift:
+        """Return what ``drift`` will be after ``before_sending``, if nothing newer comes."""
+        return self._drift_by(copy.copy(self._observer), state, pose)
+
+    def _drift_by(
+        self, observer: DriftObserver, state: VehicleState | None, pose: Pose | None
+    ) -> Drift:
         if state is None or pose is None or state.time_s <= self._seen_s:
-            return
+            return self.drift
         follows = state.mode is FlightMode.EXTERNAL
-        self.drift = self._observer.update(
+        return observer.update(
             pose.velocity_enu_mps,
             self._sent_enu_mps if follows else None,
             self._shield.braking,
             dt_s=state.time_s - self._seen_s,
         )
-        self._seen_s = state.time_s
 
     def sent(self, velocity_enu_mps: FloatArray | None) -> None:
         """Take down what has left, ``(3,)``; ``None`` if nothing has."""

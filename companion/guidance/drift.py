@@ -31,6 +31,11 @@ class Drift:
     gust_mps: float
     """The strongest of late: it may come again, from anywhere."""
 
+    def same_as(self, other: "Drift") -> bool:
+        """Return whether both are the same, bit for bit."""
+        mine, theirs = self.velocity_enu_mps, other.velocity_enu_mps
+        return self.gust_mps == other.gust_mps and mine.tobytes() == theirs.tobytes()
+
 
 CALM = Drift(np.zeros(3), 0.0)
 
