@@ -217,12 +217,10 @@ class Flight:
             )
         )
         flown = proposal if directive.stream is Stream.POLICY else None
-        lag_news, news = self._watch.after_sending(now_s, pose, flown)
-        if lag_news:
-            self._announcer.log(lag_news, Severity.WARNING, now_s)
-        if news:
-            self._announcer.log(news, Severity.WARNING, now_s)
-            self._announcer.send(news, Severity.WARNING)
+        for text, severity in self._watch.after_sending(sent_s, state, pose, flown):
+            self._announcer.log(text, severity, now_s)
+            if severity <= Severity.WARNING:
+                self._announcer.send(text, severity)
         if self._alive is not None:
             self._alive(directive.phase)
         self._proposer.look_ahead(pose, target)

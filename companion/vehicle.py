@@ -116,6 +116,8 @@ class VehicleState:
     frame_residual_m: float | None = None
     """Distance between the local position and the global one seen from ``origin``; ``None``
     where they cannot be compared."""
+    measured_s: float | None = None
+    """When the position was made, by its time stamp, on our clock; ``None`` where none tells."""
 
 
 class RequestKind(StrEnum):

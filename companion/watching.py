@@ -11,7 +11,10 @@ from companion.guidance.guidance import Proposal
 from companion.guidance.shield import Shield
 from companion.policy.contract import Contract
 from companion.positions import Pose
-from companion.vehicle import FlightMode, VehicleState
+from companion.vehicle import FlightMode, Severity, VehicleState
+
+PROVEN_LAG_S = 1.0
+"""Up to here a longer lag is no warning: the shield, told of it, is proven on such vehicles."""
 
 
 class Watch:
@@ -74,30 +77,51 @@ class Watch:
         self._sent_enu_mps = velocity_enu_mps
 
     def after_sending(
-        self, now_s: float, pose: Pose | None, flown: Proposal | None
-    ) -> tuple[str, str]:
+        self,
+        now_s: float,
+        state: VehicleState | None,
+        pose: Pose | None,
+        flown: Proposal | None,
+    ) -> list[tuple[str, Severity]]:
         """Compare with training; the speed cap and the shield know in the next tick.
 
         Args:
-            now_s: When.
-            pose: Of the vehicle.
+            now_s: When the setpoint has left.
+            state: Of the vehicle.
+            pose: The same on the map.
             flown: What the policy proposed, where it is what flies.
 
         Returns:
-            What is to be said, empty if nothing is: of the lag the shield reckons with, and of
-            what training has not shown.
+            What is to be said: of the lag the shield reckons with, and of what training has not
+            shown.
         """
         if pose is None:
-            return "", ""
+            return []
+        said: list[tuple[str, Severity]] = []
         news = self.envelope.watch(
             now_s,
             pose.velocity_enu_mps,
             None if flown is None else self._sent_enu_mps,
             None if flown is None else flown.observation,
+            measured_s=None if state is None else state.measured_s,
         )
         believed_s = self._shield.limits.lag_s
         lag_s = self.envelope.longer_lag_s(believed_s)
-        if lag_s is None:
-            return "", news
-        self._shield.reckon_with_lag(lag_s)
-        return f"the shield reckons with a lag of {lag_s:g} s instead of {believed_s:g} s", news
+        if lag_s is not None:
+            self._shield.reckon_with_lag(lag_s)
+            said.append(_slower(lag_s, believed_s))
+        if news:
+            said.append((news, Severity.WARNING))
+        return said
+
+
+def _slower(lag_s: float, believed_s: float) -> tuple[str, Severity]:
+    """Return what a pilot should know of a vehicle that lags more than was believed."""
+    words = (
+        f"the vehicle follows more slowly than assumed (velocity lag {lag_s:g} s, not "
+        f"{believed_s:g} s): the shield brakes earlier from now on"
+    )
+    if lag_s <= PROVEN_LAG_S:
+        return words, Severity.INFO
+    advice = "fly slower (--v-max) and look at payload, tuning, link and the load of this computer"
+    return f"{words}; {advice}", Severity.WARNING

@@ -151,6 +151,8 @@ class Envelope:
         velocity_mps: FloatArray,
         sent_mps: FloatArray | None,
         observation: Float32Array | None,
+        *,
+        measured_s: float | None = None,
     ) -> str:
         """Take in one tick, after its setpoint has left.
 
@@ -160,13 +162,15 @@ class Envelope:
             sent_mps: What was sent, map ENU, shape ``(3,)``; ``None`` while the vehicle follows
                 somebody else.
             observation: What the actor saw, while it flies.
+            measured_s: When the velocity was measured; now, if not given.
 
         Returns:
             What is to be said, if it is new: what is outside, or that nothing is any more.
         """
+        self._meter.sent(now_s, sent_mps)
         if not np.isfinite(velocity_mps).all():
             return ""
-        self._meter.watch(now_s, velocity_mps, sent_mps)
+        self._meter.measured(now_s if measured_s is None else measured_s, velocity_mps)
         if observation is None or not np.isfinite(observation).all():
             self._looked_s = None
             return ""

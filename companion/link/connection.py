@@ -40,6 +40,8 @@ class Connection:
         self._drained_s = now()
         self.drained = False
         """Whether the last ``receive`` took all that was there."""
+        self.punctual = True
+        """Whether the last ``receive`` stamped packets with the time of reading."""
 
     @property
     def speaks_first(self) -> bool:
@@ -92,7 +94,8 @@ class Connection:
         packets: list[tuple[Peer, Received]] = []
         arrived = self._transport.receive()
         now_s = self.now()
-        time_s = now_s if now_s - self._drained_s <= _LATE_S else self._drained_s
+        self.punctual = now_s - self._drained_s <= _LATE_S
+        time_s = now_s if self.punctual else self._drained_s
         self.drained = len(arrived) < READS_AT_ONCE
         if self.drained:
             self._drained_s = now_s

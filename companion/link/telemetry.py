@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.arrays import FloatArray
 from companion.link.autopilots import Autopilot
+from companion.link.boot_clock import BootClock
 from companion.link.frame_check import FrameCheck
 from companion.link.statustext import TextAssembler
 from companion.link.targets import Targets, geo_point
@@ -54,6 +55,9 @@ class Telemetry:
         self._texts = TextAssembler()
         self._decoded_s: dict[int, float] = {}
         self._frame_check = FrameCheck(autopilot.earth_radius_m)
+        self._boot_clock = BootClock()
+        self.punctual = True
+        """Whether messages now come with the time of reading; else only their own stamp tells."""
         self._forget()
         self.handlers: Mapping[int, Callable[[Any, float], list[VehicleEvent]]] = {
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
@@ -84,6 +88,7 @@ class Telemetry:
         self.global_position: TargetReport | None = None
         """The vehicle's newest GLOBAL_POSITION_INT that was looked at."""
         self._frame_check.forget()
+        self._boot_clock.forget()
         self._position_ned_m = _frozen(0.0, 0.0, 0.0)
         self._velocity_ned_mps = _frozen(0.0, 0.0, 0.0)
         self._attitude_rad: FloatArray | None = None
@@ -121,6 +126,7 @@ class Telemetry:
             frame_epoch=self.frame_epoch,
             battery_fraction=self._battery_fraction,
             frame_residual_m=self._frame_check.residual_m(now_s),
+            measured_s=self._boot_clock.time_s(self._position_boot_ms),
         )
 
     def altitude_amsl_m(self) -> float | None:
@@ -148,6 +154,8 @@ class Telemetry:
 
     def _local_position(self, message: Any, now_s: float) -> list[VehicleEvent]:
         events = self._check_clock(message.time_boot_ms, now_s)
+        if self.punctual:
+            self._boot_clock.hear(message.time_boot_ms, now_s)
         values = (message.x, message.y, message.z, message.vx, message.vy, message.vz)
         if all(map(math.isfinite, values)):
             self._position_ned_m = _frozen(*values[:3])

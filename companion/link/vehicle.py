@@ -249,7 +249,9 @@ class MavlinkVehicle:
 
     def _step(self) -> float:
         """Take in what is there and do what is due; return when something is due next."""
-        for peer, received in self._connection.receive():
+        packets = self._connection.receive()
+        self._telemetry.punctual = self._connection.punctual
+        for peer, received in packets:
             self._take(peer, received)
         now_s = self.now_s()
         self._events.extend(self._housekeeping.advance(now_s))

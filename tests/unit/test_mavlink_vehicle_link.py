@@ -262,6 +262,20 @@ def test_what_lay_about_while_the_caller_was_away_is_not_taken_for_new(bench):
     assert bench.transport.now_s - vehicle.state().time_s <= 0.05
 
 
+def test_its_time_stamp_tells_when_a_position_was_made_even_after_an_absence(bench):
+    vehicle = bench.attach()
+    bench.flying()
+    bench.position(boot_ms=70_000)
+    bench.run(0.05)
+    start_s = vehicle.state().measured_s
+    assert start_s == pytest.approx(vehicle.state().time_s, abs=0.01)
+    bench.position(boot_ms=71_900)
+    bench.transport.now_s += 2.0  # away: what is read now is stamped with the last look
+    vehicle.wait_until(bench.transport.now_s)
+    assert vehicle.state().time_s < start_s + 0.1
+    assert vehicle.state().measured_s == pytest.approx(start_s + 1.9)
+
+
 def test_a_short_absence_is_no_absence(bench):
     vehicle = bench.attach()
     bench.flying()
