@@ -33,6 +33,8 @@ class Pace:
 
     enter_s: float = 0.5
     """So long something must have been beyond its bound by ``TOLERANCE``,"""
+    lag_enter_s: float = 2.0
+    """a velocity lag for so long: what is measured of one goes beyond for a moment after a gust,"""
     leave_s: float = 2.0
     """and then so long within."""
     fall_s: float = 0.5
@@ -44,23 +46,25 @@ class Pace:
 class _Bound:
     """One quantity, the bound that training has put on it, and on which side of it flight is."""
 
-    def __init__(self, name: str, unit: str, bound: float, *, below: bool) -> None:
+    def __init__(
+        self, name: str, unit: str, bound: float, *, below: bool, enter_s: float, leave_s: float
+    ) -> None:
         self.name = name
         self._unit, self._bound, self._below = unit, bound, below
+        self._enter_s, self._leave_s = enter_s, leave_s
         self._since_s: float | None = None
         self.outside = False
         self.share = 1.0
         """Of the speed that goes with what is seen; less than 1 beyond the bound."""
         self.value = 0.0
 
-    def look(self, now_s: float, likely: float, surely: float, pace: Pace) -> None:
+    def look(self, now_s: float, likely: float, surely: float) -> None:
         """Compare with what is seen.
 
         Args:
             now_s: When.
             likely: The quantity.
             surely: The same, as near to the bound as it may be.
-            pace: How long either side must last.
         """
         self.value, self.share = likely, min(1.0, self._share(likely))
         beyond = self.share < 1.0 if self.outside else TOLERANCE * self._share(surely) < 1.0
@@ -70,7 +74,7 @@ class _Bound:
             self._since_s = now_s
         if self._since_s is None:
             return
-        if now_s - self._since_s >= (pace.leave_s if self.outside else pace.enter_s):
+        if now_s - self._since_s >= (self._leave_s if self.outside else self._enter_s):
             self.outside, self._since_s = beyond, None
 
     def words(self) -> str:
@@ -97,16 +101,23 @@ class Envelope:
         self._pace = Pace() if pace is None else pace
         self._v_max_mps, self._layout = v_max_mps, contract.layout
         self._bounds: dict[str, _Bound] = {}
+        enter_s, leave_s = self._pace.enter_s, self._pace.leave_s
         seen = {} if contract.seen is None else contract.seen.measures
         for name, unit in MEASURES.items():
             if name in seen:
                 low, high = seen[name]
                 below = name != "speed"
-                self._bounds[name] = _Bound(name, unit, low if below else high, below=below)
+                bound = low if below else high
+                self._bounds[name] = _Bound(
+                    name, unit, bound, below=below, enter_s=enter_s, leave_s=leave_s
+                )
         self._lag_bound: _Bound | None = None
         if contract.dynamics.velocity_lag_s is not None:
             longest_s = contract.dynamics.velocity_lag_s[1]
-            self._lag_bound = _Bound("velocity lag", "s", longest_s, below=False)
+            enter_s = self._pace.lag_enter_s
+            self._lag_bound = _Bound(
+                "velocity lag", "s", longest_s, below=False, enter_s=enter_s, leave_s=leave_s
+            )
         self._meter = LagMeter()
         self.lag = self._meter.lag()
         """Of the velocity, as measured so far."""
@@ -186,10 +197,10 @@ class Envelope:
     def _look(self, now_s: float, observation: Float32Array) -> None:
         for name, value in measures(self._layout, observation).items():
             if name in self._bounds:
-                self._bounds[name].look(now_s, float(value), float(value), self._pace)
+                self._bounds[name].look(now_s, float(value), float(value))
         self.lag = self._meter.lag()
         if self._lag_bound is not None:
-            self._lag_bound.look(now_s, self.lag.likely_s, self.lag.least_s, self._pace)
+            self._lag_bound.look(now_s, self.lag.likely_s, self.lag.least_s)
 
     def _follow(self, dt_s: float) -> None:
         """Let the cap go where it should be."""

@@ -1,6 +1,5 @@
 """Whole flights of the shipped actor on vehicles like those of its training, and unlike them."""
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -8,7 +7,6 @@ from companion.control import Flight, Mission
 from companion.guidance.shield import Shield, ShieldLimits
 from companion.guidance.situation import Plan
 from companion.policy.actor import Actor
-from companion.policy.contract import SeenContract
 from companion.positions import TargetSource
 from companion.session.records import Event, Tick
 from companion.world.frames import GeoPoint
@@ -18,10 +16,6 @@ from sim.vehicle import SimVehicle
 
 V_MAX_MPS = 5.0
 ORIGIN = GeoPoint(47.0, 8.0, 400.0)
-SEEN = {"speed": (0.0, 6.1), "gap": (6.2, 100.0), "sight": (8.7, 50.0)}
-"""Of 30,000 observations in the world that the shipped actor was trained in."""
-
-
 GUSTS = Disturbance(0.3, 2.0)
 
 
@@ -35,7 +29,7 @@ class SteadyWind(Disturbance):
         return value
 
 
-def fly(city, start, target, *, lag=None, seen=None, wind=GUSTS, seconds=120.0):
+def fly(city, start, target, *, lag=None, wind=GUSTS, seconds=120.0):
     """Return summary, events, ticks, vehicle and shield of one flight with the shipped actor."""
     vehicle = SimVehicle(
         city,
@@ -47,12 +41,6 @@ def fly(city, start, target, *, lag=None, seen=None, wind=GUSTS, seconds=120.0):
         position_noise=Disturbance(0.2, 2.0),
     )
     actor = Actor.load("flight")
-    if seen:
-        low, high = (bounds.tolist() for bounds in actor.contract.layout.bounds())
-        columns = tuple(zip(low, high, strict=True))
-        actor.contract = msgspec.structs.replace(
-            actor.contract, seen=SeenContract(1000, 0.001, columns, seen)
-        )
     records = []
     shield = Shield(city, ShieldLimits(v_max_mps=V_MAX_MPS))
     flight = Flight(
@@ -75,14 +63,23 @@ def fly(city, start, target, *, lag=None, seen=None, wind=GUSTS, seconds=120.0):
     return summary, said, ticks, vehicle, shield
 
 
-def test_a_vehicle_like_those_of_training_flies_as_ever():
+@pytest.mark.parametrize(
+    "lag",
+    [
+        pytest.param(VelocityLag(0.44, 1.6), id="ArduCopter as recorded"),
+        pytest.param(VelocityLag(0.72, 2.5), id="PX4 as recorded"),
+        pytest.param(VelocityLag(0.6, 4.0), id="brisk"),
+    ],
+)
+def test_a_vehicle_like_those_of_training_flies_as_ever(lag):
     summary, said, ticks, vehicle, shield = fly(
-        load_map("env1"), (10.0, 50.0, 20.0), (90.0, 50.0, 40.0), lag=VelocityLag(0.6), seen=SEEN
+        load_map("env1"), (10.0, 50.0, 20.0), (90.0, 50.0, 40.0), lag=lag
     )
     assert (summary.outcome, vehicle.contacts, summary.setpoints_slowed) == ("arrived", 0, 0)
     assert not any("training" in text for text in said)
     assert all(tick.speed_cap_mps is None for tick in ticks)
-    assert 0.3 < summary.velocity_lag_s < 1.0
+    # Of a sluggish vehicle a short flight does not tell whether it lags or just accelerates slowly.
+    assert summary.velocity_lag_s is None or 0.3 < summary.velocity_lag_s < 1.0
     assert shield.limits.lag_s == ShieldLimits().lag_s
 
 
@@ -111,7 +108,7 @@ def test_in_streets_of_three_metres_it_goes_slower():
     """Nobody flies into one: it begins there, closer to both walls than the shield likes."""
     rows = [block(20, y, 97, y + 20) for y in (0, 23, 46, 69)]
     city = build_map("narrow", (200, 100, 60), rows, [50.0] * 4, origin=ORIGIN)
-    narrow = fly(city, (40.0, 44.5, 10.0), (180.0, 44.5, 10.0), seen=SEEN, seconds=60.0)
+    narrow = fly(city, (40.0, 44.5, 10.0), (180.0, 44.5, 10.0), seconds=60.0)
     summary, said, ticks, vehicle, _ = narrow
     assert vehicle.contacts == 0
     (first, *_) = [text for text in said if text.startswith("not as in training")]
@@ -123,12 +120,13 @@ def test_in_streets_of_three_metres_it_goes_slower():
 def test_with_a_tailwind_it_flies_no_faster_over_ground_than_in_training():
     city = build_map("plain", (160, 100, 40), [], [], origin=ORIGIN)
     summary, said, ticks, _, _ = fly(
-        city, (5.0, 50.0, 20.0), (155.0, 50.0, 20.0), seen=SEEN, wind=SteadyWind(3.0, 2.0)
+        city, (5.0, 50.0, 20.0), (155.0, 50.0, 20.0), wind=SteadyWind(3.0, 2.0)
     )
     assert summary.outcome == "arrived"
     (news,) = [text for text in said if text.startswith("not as in training")]
     assert "speed" in news
-    assert "(no more than 6.1 m/s in training)" in news
+    fastest_mps = Actor.load("flight").contract.seen.measures["speed"][1]
+    assert f"(no more than {fastest_mps:.2g} m/s in training)" in news
     speeds = [np.linalg.norm(tick.velocity_enu_mps) for tick in ticks if tick.safe_enu_mps]
-    assert max(speeds) > 6.1 * 1.1
-    assert np.median(speeds[-100:]) < 6.1 * 1.05
+    assert max(speeds) > 1.1 * fastest_mps
+    assert np.median(speeds[-100:]) < 1.05 * fastest_mps
