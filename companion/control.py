@@ -52,8 +52,6 @@ RATES_PERIOD_S = 1.0
 _ZERO = np.zeros(3)
 _OURS = (Phase.ENGAGED, Phase.HOLDING, Phase.HANDING_OVER)
 """While the vehicle is ours to keep clear of things."""
-_SHIELDED_HOLDS = (Reason.TARGET_SILENT, Reason.POLICY_UNUSABLE)
-"""The vehicle still knows where it is: the zero of these holds goes through the shield."""
 _MARKED = (Phase.ENGAGED, Phase.HANDING_OVER, Phase.STOOD_DOWN)
 """What gets a label on the map."""
 
@@ -298,7 +296,7 @@ class Flight:
             return None
         if directive.stream is Stream.POLICY and proposal is not None:
             wanted_enu_mps = self._watch.envelope.limited(proposal.velocity_enu_mps)
-        elif directive.phase is Phase.HOLDING and directive.code in _SHIELDED_HOLDS:
+        elif directive.stream is Stream.HOLD:
             wanted_enu_mps = _ZERO
         else:
             return None

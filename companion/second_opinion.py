@@ -84,7 +84,7 @@ class Opinion:
             spherical=list(proposal.spherical),
             proposed_enu_mps=_list(proposal.velocity_enu_mps),
         )
-        if tick.clearance_m is None or tick.supervisor == Phase.HOLDING:  # the policy did not fly
+        if tick.clearance_m is None or tick.supervisor != Phase.ENGAGED:  # the policy did not fly
             return now
         drift_mps = np.zeros(3) if tick.drift_enu_mps is None else np.array(tick.drift_enu_mps)
         decision = self._shield.check(

@@ -7,8 +7,8 @@ from companion.guidance.target import TargetTier
 from companion.vehicle import VehicleState
 
 
-def why_hold(s: Situation, frame_settled_s: float) -> tuple[Reason, str] | None:
-    """Return why the policy may not fly in this tick, the gravest reason first.
+def position_doubt(s: Situation, frame_settled_s: float) -> tuple[Reason, str] | None:
+    """Return why nobody can say where on the map the vehicle is; ``None`` if it is known.
 
     Args:
         s: What is known.
@@ -17,8 +17,6 @@ def why_hold(s: Situation, frame_settled_s: float) -> tuple[Reason, str] | None:
     v = s.vehicle
     if v is None or s.now_s - v.time_s > POSITION_STALE_SOFT_S:
         return Reason.POSITION_LATE, "position is late"
-    if s.now_s - v.heartbeat_time_s > HEARTBEAT_LATE_S:
-        return Reason.HEARTBEAT_LATE, "no heartbeat: it is not known who has the vehicle"
     if not v.position_valid:
         return Reason.POSITION_INVALID, "the estimator does not vouch for the position"
     if s.position_frozen:
@@ -27,13 +25,28 @@ def why_hold(s: Situation, frame_settled_s: float) -> tuple[Reason, str] | None:
         return Reason.FRAME_MOVED, "the local frame has moved"
     if s.frame_untied:
         return Reason.FRAME_UNTIED, s.frame_untied
+    if s.off_map_m > OFF_MAP_M:
+        return Reason.OUTSIDE_MAP, f"the vehicle is {s.off_map_m:.0f} m outside the map"
+    return None
+
+
+def why_hold(s: Situation, doubt: tuple[Reason, str] | None) -> tuple[Reason, str] | None:
+    """Return why the policy may not fly in this tick, the gravest reason first.
+
+    Args:
+        s: What is known.
+        doubt: Of ``position_doubt``.
+    """
+    v = s.vehicle
+    if doubt is not None:
+        return doubt
+    if v is None or s.now_s - v.heartbeat_time_s > HEARTBEAT_LATE_S:
+        return Reason.HEARTBEAT_LATE, "no heartbeat: it is not known who has the vehicle"
     if s.target_off_map_m > OFF_MAP_M:
         words = f"the target is {s.target_off_map_m:.0f} m outside the map"
         return Reason.TARGET_OUTSIDE, words
     if s.waiting_for:
         return Reason.FRAME_UNTIED, s.waiting_for
-    if s.off_map_m > OFF_MAP_M:
-        return Reason.OUTSIDE_MAP, f"the vehicle is {s.off_map_m:.0f} m outside the map"
     if s.target in (TargetTier.NONE, TargetTier.HOLD, TargetTier.LOST):
         return Reason.TARGET_SILENT, "the target is silent"
     if s.policy_failures:

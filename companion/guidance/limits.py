@@ -17,6 +17,10 @@ LINK_LOST_S = 5.0
 TARGET_LOST_S = 10.0
 HOLDING_LIMIT_S = 10.0
 """A hold of ours is zero velocity, which drifts; after this the autopilot's own hold takes over."""
+DOUBT_LIMIT_S = 5.0
+"""The same where the position is in doubt and the shield cannot lean against the drift: gusts of
+0.5 m/s that last 2 s carry a vehicle off by 1.8 m in that time (one standard deviation), and by
+2.8 m in ten seconds. An origin that moved, and was not heard of for 3 s, is tied anew in less."""
 NO_PROGRESS_S = 60.0
 """So long without coming ``PROGRESS_M`` nearer to the target than ever before."""
 PROGRESS_M = 1.0

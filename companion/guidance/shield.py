@@ -40,9 +40,11 @@ wind beyond control       a drift is known once it is there: a gust of ``w`` tha
                           wall takes some ``lag_s * w`` of the margin; with air at 3 m/s and gusts
                           of 0.5 m/s (standard deviation) 2 m were enough; air that pushes harder
                           than ``brake_mps2`` takes the vehicle along
-a hand-over               zero is sent while the autopilot takes over, and where position or frame
-                          are in doubt: nothing leans against the wind then (a hold for want of a
-                          target or of a policy goes through the shield)
+a place nobody knows      zero is sent where position or frame are in doubt; nothing leans against
+                          the wind; after 5 s the autopilot's own hold takes over. Zero it is, too,
+                          before the vehicle is ours, after a stall of the loop until it has looked,
+                          and after an error of ours. All other holds go through the shield, and so
+                          does a hand-over until the autopilot shows its own mode
 the end of the stream     the autopilot flies on for a while (DESIGN 5.5): ``--cap-by-failsafe``
 a wish into a wall        it does not plan: who wants straight through waits, ``BLOCKED``, maybe for
                           ever; the supervisor and the policy must find the way round

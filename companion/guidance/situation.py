@@ -28,6 +28,9 @@ class Stream(StrEnum):
 
     NOTHING = "nothing"
     ZERO = "zero"
+    """Zero and nothing else: the vehicle is not ours yet, or nobody knows where it is."""
+    HOLD = "hold"
+    """Zero as the shield lets it: it leans against what would carry the vehicle into things."""
     POLICY = "policy"
 
 

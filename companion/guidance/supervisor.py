@@ -14,10 +14,11 @@ from dataclasses import replace
 
 from companion.guidance.absence import Absence, Returning
 from companion.guidance.engagement import Engagement
-from companion.guidance.holding import battery_below, battery_words, why_hold
+from companion.guidance.holding import battery_below, battery_words, position_doubt, why_hold
 from companion.guidance.limits import (
     BATTERY_ENGAGE,
     BATTERY_HANDOVER,
+    DOUBT_LIMIT_S,
     FRAME_SETTLE_S,
     HANDOVER_TIMEOUT_S,
     HOLDING_LIMIT_S,
@@ -66,6 +67,9 @@ class Supervisor:
         self._absence = Absence(now_s)
         self._holding_since_s = now_s
         self._frame_settled_s = now_s
+        self._doubt: tuple[Reason, str] | None = None
+        self._trusted_s = now_s
+        """When it was last known where the vehicle is."""
         self._best_distance_m = float("inf")
         self._progress_s = now_s
 
@@ -81,6 +85,7 @@ class Supervisor:
         """
         if self._outcome is not None:
             return self._directive(Stream.NOTHING)
+        self._look_at_position(s)
         directive = (
             self._check_pilot(s)
             or self._check_link(s)
@@ -239,16 +244,21 @@ class Supervisor:
             self._code, self._reason = Reason.WAITING, way.waiting_words(v)
         return self._directive(way.idle_stream(s, self._phase))
 
-    def _fly(self, s: Situation) -> Directive:
+    def _look_at_position(self, s: Situation) -> None:
         if s.frame_moved:
             self._frame_settled_s = s.now_s + FRAME_SETTLE_S
+        self._doubt = position_doubt(s, self._frame_settled_s)
+        if self._doubt is None:
+            self._trusted_s = s.now_s
+
+    def _fly(self, s: Situation) -> Directive:
         if s.target_changed:
             self._best_distance_m, self._progress_s = float("inf"), s.now_s
         if s.distance_m is not None and s.distance_m < self._best_distance_m - PROGRESS_M:
             self._best_distance_m, self._progress_s = s.distance_m, s.now_s
         if s.target_moving:
             self._progress_s = s.now_s
-        hold = why_hold(s, self._frame_settled_s)
+        hold = why_hold(s, self._doubt)
         if hold is not None:
             return self._hold(s, *hold)
         if s.arrived:
@@ -262,18 +272,20 @@ class Supervisor:
         return self._directive(Stream.POLICY)
 
     def _hold(self, s: Situation, code: Reason, words: str) -> Directive:
-        """Stream zero velocity, but not for ever."""
+        """Stand still, but not for ever; while nobody knows where, not even for long."""
         self._progress_s = s.now_s
         if self._phase is not Phase.HOLDING:
             self._holding_since_s = s.now_s
-        if s.now_s - self._holding_since_s > HOLDING_LIMIT_S:
+        too_long = s.now_s - self._holding_since_s > HOLDING_LIMIT_S
+        if too_long or s.now_s - self._trusted_s > DOUBT_LIMIT_S:
             outcome = Outcome.POSITION_LOST
             if code in (Reason.TARGET_SILENT, Reason.TARGET_OUTSIDE):
                 outcome = Outcome.TARGET_LOST
-            return self._end(s, outcome, code, f"{words} for {HOLDING_LIMIT_S:.0f} s")
+            limit_s = HOLDING_LIMIT_S if too_long else DOUBT_LIMIT_S
+            return self._end(s, outcome, code, f"{words} for {limit_s:.0f} s")
         if self._phase is not Phase.HOLDING or self._code is not code:
             self._enter(Phase.HOLDING, code, words, s.now_s)
-        return self._directive(Stream.ZERO)
+        return self._directive(Stream.HOLD if self._doubt is None else Stream.ZERO)
 
     def _hand_over(self, s: Situation) -> Directive:
         v, ask, pending = s.vehicle, self._engagement.last_ask, self._pending_outcome
@@ -350,10 +362,12 @@ class Supervisor:
         return replace(self._directive(self._handover_stream(s, ask)), request=ask)
 
     def _handover_stream(self, s: Situation, ask: RequestKind | None) -> Stream:
-        """Zero velocity in the air; on the ground what the autopilot needs, if anything."""
+        """Stand still in the air; on the ground what the autopilot needs, if anything."""
         if ask is RequestKind.DISARM:
             return self._engagement.idle_stream(s, self._phase)
-        return Stream.ZERO
+        v = s.vehicle
+        obeys = v is not None and v.mode is FlightMode.EXTERNAL
+        return Stream.HOLD if obeys and self._doubt is None else Stream.ZERO
 
     def _stands_armed_by_us(self, v: VehicleState) -> bool:
         return self._engagement.has_armed and v.armed and v.landed is LandedState.ON_GROUND

@@ -265,6 +265,27 @@ def test_a_hold_beside_a_wall_goes_through_the_shield(constant_actor):
     assert min(tick.clearance_m for tick in held) > 1.0
 
 
+def test_a_hand_over_beside_a_wall_goes_through_the_shield(constant_actor):
+    wall_m = np.array([[40.0, 30.0], [60.0, 30.0], [60.0, 31.0], [40.0, 31.0]])
+    launch_m = np.array([50.0, 28.5, 0.0])
+    city = build_map("wall", (100, 100, 60), [wall_m], [40.0], launch_enu_m=launch_m)
+    vehicle = SimVehicle(
+        city,
+        rng=np.random.default_rng(3),
+        start_enu_m=np.array([50.0, 28.5, 20.0]),
+        airborne=True,
+    )
+    summary, _, records = fly(
+        constant_actor((1.0, 0.0, 0.0)), city=city, plan=Plan(engage=True), vehicle=vehicle,
+        target=(50.0, 80.0, 20.0), stop_at_s=1.2,
+    )  # fmt: skip
+    assert summary.outcome == "stopped"
+    leaving = [tick for tick in records if isinstance(tick, Tick) and "handing" in tick.supervisor]
+    assert leaving
+    assert all(tick.safe_enu_mps[1] < 0.0 for tick in leaving if tick.clearance_m < 1.9)
+    assert leaving[0].clearance_m < 1.9
+
+
 def test_signal_hands_over(constant_actor):
     summary, spy, _ = fly(constant_actor(), stop_at_s=12.0)
     assert (summary.outcome, summary.exit_code) == ("stopped", 130)

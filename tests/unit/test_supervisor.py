@@ -25,12 +25,12 @@ def test_by_default_nothing_is_ever_asked_and_nothing_moves():
     assert directive.phase is Phase.READY
 
 
-def test_arrival_hands_over_and_streams_zero_until_the_heartbeat_shows_hold():
+def test_arrival_hands_over_and_stands_still_until_the_heartbeat_shows_hold():
     bench = Bench().engaged()
     directive = bench.tick(arrived=True, distance_m=4.0)
     assert directive.request is RequestKind.HOLD
     assert directive.phase is Phase.HANDING_OVER
-    assert bench.tick(10).stream is Stream.ZERO
+    assert bench.tick(10).stream is Stream.HOLD
     bench.set(mode=FlightMode.HOLD)
     directive = bench.tick()
     assert directive.outcome is Outcome.ARRIVED
@@ -88,7 +88,7 @@ def test_a_stale_position_stops_on_both_sides_of_each_border(age_s, phase):
 def test_a_silent_target_stops_the_vehicle_and_a_new_report_resumes(tier):
     bench = Bench().engaged()
     directive = bench.tick(target=tier)
-    assert (directive.phase, directive.stream) == (Phase.HOLDING, Stream.ZERO)
+    assert (directive.phase, directive.stream) == (Phase.HOLDING, Stream.HOLD)
     assert bench.tick(target=TargetTier.COAST).stream is Stream.POLICY
 
 
@@ -102,7 +102,7 @@ def test_a_target_silent_for_long_hands_over():
 
 def test_one_bad_policy_output_holds_and_three_hand_over():
     bench = Bench().engaged()
-    assert bench.tick(policy_failures=1).stream is Stream.ZERO
+    assert bench.tick(policy_failures=1).stream is Stream.HOLD
     assert bench.tick(policy_failures=0).stream is Stream.POLICY
     assert bench.tick(policy_failures=rules.POLICY_FAILURES).request is RequestKind.HOLD
 
@@ -114,6 +114,73 @@ def test_a_moved_frame_holds_until_it_has_settled():
         Stream.ZERO
     )
     assert bench.tick(4).stream is Stream.POLICY
+
+
+IN_DOUBT = [
+    pytest.param({"position_valid": False}, {}, id="not vouched for"),
+    pytest.param({}, {"position_frozen": True}, id="frozen"),
+    pytest.param({}, {"frame_moved": True}, id="frame moved"),
+    pytest.param({}, {"frame_untied": "3 m apart"}, id="frame untied"),
+    pytest.param({}, {"off_map_m": rules.OFF_MAP_M + 1.0}, id="outside the map"),
+]
+KNOWN = [
+    pytest.param({"target": TargetTier.LOST}, id="target silent"),
+    pytest.param({"target_off_map_m": rules.OFF_MAP_M + 1.0}, id="target outside"),
+    pytest.param({"policy_failures": 1}, id="policy unusable"),
+]
+
+
+@pytest.mark.parametrize(("vehicle", "doubt"), IN_DOUBT)
+def test_where_nobody_knows_the_place_plain_zero_is_streamed_and_not_for_long(vehicle, doubt):
+    bench = Bench().engaged()
+    bench.set(**vehicle)
+    ticks = round(rules.DOUBT_LIMIT_S / TICK_S)
+    directive = bench.tick(ticks - 2, **doubt)
+    assert (directive.phase, directive.stream) == (Phase.HOLDING, Stream.ZERO)
+    assert bench.asked == []
+    directive = bench.tick(4)
+    assert (directive.phase, directive.stream) == (Phase.HANDING_OVER, Stream.ZERO)
+    assert bench.asked == [RequestKind.HOLD]
+
+
+def test_a_late_position_is_in_doubt():
+    bench = Bench().engaged()
+    directive = bench.tick(round(rules.POSITION_STALE_SOFT_S / TICK_S) + 1, alive=False)
+    assert (directive.phase, directive.stream) == (Phase.HOLDING, Stream.ZERO)
+
+
+@pytest.mark.parametrize("why", KNOWN)
+def test_where_the_place_is_known_the_shield_may_lean(why):
+    bench = Bench().engaged()
+    directive = bench.tick(round(rules.HOLDING_LIMIT_S / TICK_S) - 2, **why)
+    assert (directive.phase, directive.stream) == (Phase.HOLDING, Stream.HOLD)
+    assert bench.asked == []
+    directive = bench.tick(4)
+    assert (directive.phase, directive.stream) == (Phase.HANDING_OVER, Stream.HOLD)
+
+
+def test_a_moment_of_doubt_within_a_longer_hold_does_not_end_it():
+    bench = Bench().engaged()
+    bench.tick(round(1.5 * rules.DOUBT_LIMIT_S / TICK_S), target=TargetTier.LOST)
+    assert bench.tick(frame_untied="3 m apart").stream is Stream.ZERO
+    assert bench.tick(frame_untied="").stream is Stream.HOLD
+    assert bench.asked == []
+
+
+@pytest.mark.parametrize(("vehicle", "doubt"), IN_DOUBT)
+def test_a_hand_over_goes_through_the_shield_while_the_vehicle_is_ours(vehicle, doubt):
+    bench = Bench().engaged()
+    assert bench.tick(stop_requested=True).stream is Stream.HOLD
+    bench.set(**vehicle)
+    assert bench.tick(**doubt).stream is Stream.ZERO
+
+
+def test_before_the_vehicle_is_ours_a_hand_over_streams_zero():
+    bench = Bench(Plan(engage=True)).in_the_air()
+    bench.tick(round(1.0 / TICK_S))
+    assert bench.asked == [RequestKind.EXTERNAL]
+    directive = bench.tick(stop_requested=True)
+    assert (directive.phase, directive.stream) == (Phase.HANDING_OVER, Stream.ZERO)
 
 
 def test_no_progress_ends_and_a_moving_target_is_followed_on():
@@ -269,7 +336,7 @@ def test_a_frame_that_contradicts_itself_holds_and_then_hands_over():
     assert directive.code is Reason.FRAME_UNTIED
     assert bench.tick(frame_untied="").stream is Stream.POLICY
     directive = bench.tick(
-        round(rules.HOLDING_LIMIT_S / TICK_S) + 3, frame_untied="local and global ..."
+        round(rules.DOUBT_LIMIT_S / TICK_S) + 3, frame_untied="local and global ..."
     )
     assert bench.asked == [RequestKind.HOLD]
     bench.set(mode=FlightMode.HOLD)
