@@ -52,6 +52,8 @@ RATES_PERIOD_S = 1.0
 _ZERO = np.zeros(3)
 _OURS = (Phase.ENGAGED, Phase.HOLDING, Phase.HANDING_OVER)
 """While the vehicle is ours to keep clear of things."""
+_OFF_THE_GROUND = (LandedState.TAKING_OFF, LandedState.IN_AIR, LandedState.LANDING)
+"""ArduPilot calls the whole climb a take-off: it is flown, too."""
 _MARKED = (Phase.ENGAGED, Phase.HANDING_OVER, Phase.STOOD_DOWN)
 """What gets a label on the map."""
 
@@ -322,7 +324,7 @@ class Flight:
     ) -> None:
         state = situation.vehicle
         self._metrics.final_distance_m = situation.distance_m
-        if pose is not None and state is not None and state.landed is LandedState.IN_AIR:
+        if pose is not None and state is not None and state.landed in _OFF_THE_GROUND:
             self._metrics.moved(pose.position_enu_m, pose.velocity_enu_mps)
             if directive.phase in _OURS:
                 clearance_m = self._clearance_m(pose) if decision is None else decision.clearance_m

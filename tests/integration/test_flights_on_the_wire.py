@@ -32,6 +32,14 @@ def test_a_bad_radio_is_flown_through(actor, kind, autopilot):
     assert flown.end == ("arrived", 0), flown.summary.reason
 
 
+@pytest.mark.parametrize("autopilot", BOTH)
+def test_the_climb_counts_as_flown(actor, autopilot):
+    """ArduPilot calls all of it TAKING_OFF; its own log had 10 m more than the summary."""
+    flown = Flown(actor, autopilot=autopilot)
+    assert flown.end == ("arrived", 0), flown.summary.reason
+    assert flown.summary.distance_flown_m == pytest.approx(flown.verdict["distance_flown_m"], abs=1)
+
+
 def test_lost_acks_are_asked_for_again(actor):
     flown = Flown(actor, faults=["t=0,kind=ack_lost,count=2"])
     assert flown.end == ("arrived", 0), flown.summary.reason

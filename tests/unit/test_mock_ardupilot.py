@@ -130,6 +130,8 @@ def test_a12_some_modes_are_not_armable(number):
     assert bench.command(ARM, 1.0) == FAILED
     bench.run(0.1)
     assert bench.texts()[-1] == f"Arm: {find_mode(number).name} mode not armable"
+    health = bench.last("SYS_STATUS").onboard_control_sensors_health
+    assert health & mavlink.MAV_SYS_STATUS_PREARM_CHECK  # measured on the ground in LAND
 
 
 # -- A13 to A17: links with a pilot and a ground station -----------------------------------

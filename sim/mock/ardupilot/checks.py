@@ -26,16 +26,19 @@ def mode_problem(
     return "init failed" if mode is Mode.AUTO else None  # no mission is ever loaded
 
 
-def arming_problem(
+def prearm_problem(
     estimator: CopterEstimator, now_s: float, mode: Mode, *, initialised: bool
 ) -> str | None:
-    """Return what speaks against arming (A10, A12)."""
+    """Return which of the pre-arm checks fails: SYS_STATUS PREARM_CHECK (A12)."""
     if not initialised:
         return "System not initialised"
-    if not mode.allows_arming:
-        return f"{mode.name} mode not armable"
     if mode.requires_position and not estimator.ready(now_s):
         return "Need Position Estimate"
     if now_s < estimator.at(PREARM_S):
         return "AHRS: waiting for home"
     return None
+
+
+def arming_problem(mode: Mode) -> str | None:
+    """Return what speaks against arming although the pre-arm checks pass (A10)."""
+    return None if mode.allows_arming else f"{mode.name} mode not armable"

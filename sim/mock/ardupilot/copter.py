@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from companion.world.frames import GeoPoint
 from sim.mock.ardupilot import boot
-from sim.mock.ardupilot.checks import arming_problem, mode_problem
+from sim.mock.ardupilot.checks import arming_problem, mode_problem, prearm_problem
 from sim.mock.ardupilot.estimator import INITIALISED_S, STOPPED_AIDING_S, CopterEstimator
 from sim.mock.ardupilot.failsafe import Failsafes, Situation
 from sim.mock.ardupilot.flight import Flight, Guided
@@ -125,7 +125,7 @@ class ArduCopter(Autopilot):
 
     def can_arm(self) -> bool:
         """Whether the pre-arm checks pass: SYS_STATUS PREARM_CHECK."""
-        return self._arming_problem() is None
+        return self._prearm_problem() is None
 
     # -- what others ask -------------------------------------------------------------------
 
@@ -157,7 +157,7 @@ class ArduCopter(Autopilot):
         """Arm, or refuse with a text (A10, A12)."""
         if self.armed:
             return True
-        problem = self._arming_problem()
+        problem = self._prearm_problem() or arming_problem(self.mode)
         if problem is not None and not (forced and self.initialised):
             self.say(CRITICAL, f"Arm: {problem}")
             return False
@@ -294,8 +294,8 @@ class ArduCopter(Autopilot):
         if mode not in (Mode.STABILIZE, Mode.ALT_HOLD):
             self._controlled_s = self.now_s
 
-    def _arming_problem(self) -> str | None:
-        return arming_problem(self.estimator, self.now_s, self.mode, initialised=self.initialised)
+    def _prearm_problem(self) -> str | None:
+        return prearm_problem(self.estimator, self.now_s, self.mode, initialised=self.initialised)
 
     def _watch_position_controller(self) -> None:
         """Note when it runs; RTL stands still before arming, LAND may go without (recorded)."""
