@@ -142,6 +142,9 @@ class RunConfig(SiteConfig):
     """Decide and record, send no setpoint and no command."""
     record: Path = Path("sessions")
     """Folder in which the session's own folder is made."""
+    mock_speed: float = 1.0
+    """With mock:px4 or mock:ardupilot: seconds of the flight in a second of ours, for whole
+    missions in less time. Late ticks tell that the computer cannot keep up."""
     rerun: Literal["off", "serve", "spawn"] = "off"
     """Live view: serve it on loopback, or also open a viewer."""
     config: Path | None = None
@@ -156,6 +159,12 @@ class RunConfig(SiteConfig):
         """
         super().check()
         _check_range("--rate-hz", self.rate_hz, 5.0, 100.0, "Hz")
+        _check_range("--mock-speed", self.mock_speed, 0.1, 10.0, "seconds a second")
+        if self.mock_speed != 1.0 and self.connect not in MOCKS:
+            raise UsageError(
+                f"--mock-speed is for --connect {' or '.join(MOCKS)}: "
+                "a vehicle elsewhere lives as fast as the wall clock"
+            )
         if self.arm and self.takeoff is None:
             raise UsageError("--arm needs --takeoff ALT, or the vehicle stays on the ground")
         if self.shadow and (self.arm or self.engage or self.takeoff is not None):

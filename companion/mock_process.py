@@ -23,7 +23,12 @@ _LOG = logging.getLogger("companion")
 
 @contextmanager
 def link_url(
-    connect: str, map_path: str, target_sysid: int | None, signing_key: Path | None = None
+    connect: str,
+    map_path: str,
+    target_sysid: int | None,
+    signing_key: Path | None = None,
+    *,
+    speed: float = 1.0,
 ) -> Iterator[str]:
     """Yield the URL to connect to; one of ``MOCKS`` starts a vehicle that ends with us.
 
@@ -32,6 +37,7 @@ def link_url(
         map_path: Map file or bundled name, for the mock's own contact referee.
         target_sysid: A second system that wanders through the map, if one is to be pursued.
         signing_key: File of the key that the mock vehicle signs with, if it is to.
+        speed: Seconds of the mock vehicle in one of ours.
 
     Raises:
         LinkOpenError: If the mock vehicle cannot be started.
@@ -40,14 +46,19 @@ def link_url(
         yield connect
         return
     autopilot = connect.removeprefix(MOCK_PREFIX)
-    with mock_vehicle(autopilot, map_path, target_sysid, signing_key) as url:
+    with mock_vehicle(autopilot, map_path, target_sysid, signing_key, speed=speed) as url:
         _LOG.info("started the mock vehicle (%s)", autopilot)
         yield url
 
 
 @contextmanager
 def mock_vehicle(
-    autopilot: str, map_path: str, target_sysid: int | None, signing_key: Path | None = None
+    autopilot: str,
+    map_path: str,
+    target_sysid: int | None,
+    signing_key: Path | None = None,
+    *,
+    speed: float = 1.0,
 ) -> Iterator[str]:
     """Start a mock vehicle that calls us, and stop it at the end.
 
@@ -56,6 +67,7 @@ def mock_vehicle(
         map_path: Map file or bundled name, for the mock's own contact referee.
         target_sysid: A second system that wanders through the map, if one is to be pursued.
         signing_key: File of the key that it signs with, if it is to.
+        speed: Its seconds in one of ours.
 
     Yields:
         The URL to listen on.
@@ -69,6 +81,7 @@ def mock_vehicle(
         "--autopilot", autopilot,
         "--connect", f"udpout:127.0.0.1:{port}",
         "--map", map_path,
+        "--speed", f"{speed:g}",
         "--exit-with-parent",
     ]  # fmt: skip
     if target_sysid is not None:

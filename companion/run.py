@@ -18,6 +18,7 @@ from companion.computer import ComputerProbe
 from companion.config import RunConfig
 from companion.errors import UsageError
 from companion.guidance.limits import ARRIVAL_RADIUS_M
+from companion.hastening import HastenedTransport, hastened_clock
 from companion.journal import Journal, JournaledTransport
 from companion.launch import CONNECT_TIMEOUT_S, fly, load_files, speed_cap, target_sysids
 from companion.link.opening import connect
@@ -55,9 +56,12 @@ def run(config: RunConfig) -> Summary:
     start_utc = clock.utc_now()
     early: list[Record] = []
     sinks: list[Callable[[Record], None]] = [early.append]
-    journal = Journal(lambda record: sinks[-1](record))
+    speed = config.mock_speed
+    journal = Journal(lambda record: sinks[-1](record), hastened_clock(speed))
 
-    with link_url(config.connect, config.map, config.target_sysid, config.signing_key) as url:
+    with link_url(
+        config.connect, config.map, config.target_sysid, config.signing_key, speed=speed
+    ) as url:
         vehicle = connect(
             url,
             vehicle_sysid=config.vehicle_sysid,
@@ -66,7 +70,9 @@ def run(config: RunConfig) -> Summary:
             backend=config.backend,
             signing_key=config.signing_key,
             tap=journal.tap,
-            watch=lambda transport: JournaledTransport(transport, journal),
+            watch=lambda transport: JournaledTransport(
+                transport if speed == 1.0 else HastenedTransport(transport, speed), journal
+            ),
             now=journal.now,
             utc_now=lambda: start_utc,
             computer=journal.computer(ComputerProbe().read),

@@ -39,7 +39,7 @@ _UNIT = """\
 #   nothing flies again before somebody says: systemctl start mavlink-companion
 # - It starts again by itself only where nothing was flown or the link was lost: no vehicle yet,
 #   preflight refused, link or target lost. Then it waits for the pilot as at first.
-# - A loop that hangs for {watchdog} s is killed. The setpoints have stopped long before: the
+# - A loop that hangs for {watchdog} s is killed, and another starts and waits for the pilot. The setpoints have stopped long before: the
 #   autopilot's own failsafe has the vehicle (`companion preflight` says what it does).
 # - A full or read-only disk does not stop a flight; the journal says that it is not recorded.
 #   Every run leaves a folder of its own in --record; remove old ones, for example daily:
@@ -47,7 +47,6 @@ _UNIT = """\
 
 [Unit]
 Description=MAVLink companion: flies a learned policy when the pilot lets it
-Documentation=man:systemd.service(5)
 StartLimitIntervalSec=0
 
 [Service]
@@ -58,7 +57,10 @@ WorkingDirectory={folder}
 WatchdogSec={watchdog}
 TimeoutStartSec=infinity
 TimeoutStopSec={stop}
-KillMode=mixed
+# The recorder ends by itself when its files are complete, whatever the flying process died of.
+KillMode=control-group
+# Stopped as asked, in flight as well.
+SuccessExitStatus={stopped}
 Restart=on-failure
 RestartSec={restart}
 RestartPreventExitStatus={never_again}
@@ -99,6 +101,7 @@ def unit(config: RunConfig, argv: Sequence[str]) -> str:
         watchdog=WATCHDOG_S,
         stop=STOP_S,
         restart=RESTART_S,
+        stopped=EXIT_CODES[Outcome.STOPPED],
         stood_down=EXIT_CODES[Outcome.STOOD_DOWN],
         never_again=" ".join(map(str, _NEVER_AGAIN)),
     )

@@ -197,7 +197,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--wind", default="0,0", metavar="N,E", help="wind velocity in m/s (0,0)")
     add("--gusts", type=float, default=0.0, metavar="MPS", help="deviation of gusts (0)")
     add("--noise", type=float, default=0.0, metavar="M", help="deviation of position noise (0)")
-    add("--speed", type=float, default=1.0, metavar="X", help="simulated seconds per second (1)")
+    add("--speed", type=float, default=1.0, metavar="X",
+        help="simulated seconds per second (1); see SPEED")  # fmt: skip
     add("--seed", type=int, default=0, metavar="N", help="seed of everything random (0)")
     add("--report", type=Path, metavar="FILE", help="write the referee's verdict here at the end")
     add("--exit-with-parent", action="store_true", help="end when the starting process dies")

@@ -66,6 +66,13 @@ FAULTS  --fault kind=KIND,t=SECONDS[,from=EVENT][,for=SECONDS][,KEY=VALUE...]
   its description is what it does without them. --seed repeats everything.
 {kinds}
 
+SPEED  --speed X
+  The vehicle, its rates and its time stamps run X times as fast; whoever is
+  connected does not: to a companion on the wall clock it flies X times as fast
+  and answers X times as soon, which no vehicle does. For missions of this
+  companion in less time, with its clock as fast as the vehicle's:
+    companion run --connect mock:px4 --mock-speed X ...
+
 REFEREE
   Watches the vehicle and whoever flies it. A complaint is logged when it begins
   and makes the exit code 1:

@@ -74,6 +74,8 @@ def test_nothing_grows(constant_actor, tmp_path):
     )
     samples, recorder_mib = [], []
     try:
+        while companion.poll() is None and not children(companion.pid):
+            time.sleep(0.1)  # on a crowded machine it takes its time to start
         end_s = time.monotonic() + 60.0 * MINUTES
         while time.monotonic() < end_s:
             time.sleep(SAMPLE_S)

@@ -171,6 +171,8 @@ def test_the_unit_runs_what_was_asked_for_and_stays_down_after_a_stand_down():
     assert "Type=notify" in text
     assert "WatchdogSec=5" in text
     assert "RestartPreventExitStatus=2 6 7 8" in text
+    assert "SuccessExitStatus=130" in text
+    assert "KillMode=control-group" in text, "the recorder is not killed with the loop"
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd here")
