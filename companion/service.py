@@ -39,8 +39,9 @@ _UNIT = """\
 #   nothing flies again before somebody says: systemctl start mavlink-companion
 # - It starts again by itself only where nothing was flown or the link was lost: no vehicle yet,
 #   preflight refused, link or target lost. Then it waits for the pilot as at first.
-# - A loop that hangs for {watchdog} s is killed, and another starts and waits for the pilot. The setpoints have stopped long before: the
-#   autopilot's own failsafe has the vehicle (`companion preflight` says what it does).
+# - A loop that hangs for {watchdog} s is killed; another starts and waits for the pilot. The
+#   setpoints have stopped long before: the autopilot's own failsafe has the vehicle
+#   (`companion preflight` says what it does).
 # - A full or read-only disk does not stop a flight; the journal says that it is not recorded.
 #   Every run leaves a folder of its own in --record; remove old ones, for example daily:
 #     find {record} -mindepth 1 -maxdepth 1 -mtime +30 -exec rm -r {{}} +

@@ -89,8 +89,9 @@ def _announce_and_open(address: str) -> None:
 
 def main() -> None:
     """Record one session."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # the end of the pipe is the only end
+    # The end of the pipe is the only end; systemd's watchdog aborts all that a hung loop started.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGABRT):
+        signal.signal(number, signal.SIG_IGN)
     os.nice(_NICENESS)
     os.set_blocking(sys.stdout.fileno(), False)
     folder, live = Path(sys.argv[1]), sys.argv[2]

@@ -186,7 +186,7 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path):
 def test_ctrl_c_on_the_terminal_does_not_end_the_recording(tmp_path, recorder):
     recorder.put(START)
     wait_until(lambda: (tmp_path / "session.rrd").exists())
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGABRT):
         os.kill(recorder.process_id, number)
     recorder.put(Raw(True, 1.0, next(heartbeats(1))))
     assert recorder.close(PATIENCE_S)
