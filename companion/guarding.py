@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from companion.arrays import FloatArray
 from companion.guidance.drift import Drift
-from companion.guidance.shield import Shield, ShieldDecision, ShieldLimits
+from companion.guidance.shield import Shield, ShieldDecision
+from companion.guidance.shield_limits import ShieldLimits
 from companion.positions import Pose
 
 

@@ -9,7 +9,8 @@ from companion.control import Flight, Mission
 from companion.errors import LinkLostError, RefusedError
 from companion.guidance.failsafe import SpeedCap, failsafe_of, parameters_wanted
 from companion.guidance.reasons import Reason
-from companion.guidance.shield import Shield, ShieldLimits
+from companion.guidance.shield import Shield
+from companion.guidance.shield_limits import ShieldLimits
 from companion.guidance.situation import Outcome, Plan
 from companion.link.vehicle import MavlinkVehicle
 from companion.policy.actor import Actor

@@ -9,7 +9,7 @@ from companion.guidance.limits import (
     OFF_MAP_M,
     POSITION_STALE_SOFT_S,
 )
-from companion.guidance.shield import ShieldLimits
+from companion.guidance.shield_limits import ShieldLimits
 from companion.guidance.target import TargetEstimate
 from companion.positions import Pose, TargetSource
 from companion.vehicle import SystemStatus, VehicleState

@@ -4,7 +4,8 @@ import numpy as np
 
 from companion.arrays import Float32Array, FloatArray, IntArray
 from companion.guidance.drift import DriftObserver
-from companion.guidance.shield import Shield, ShieldLimits
+from companion.guidance.shield import Shield
+from companion.guidance.shield_limits import ShieldLimits
 from companion.policy.action import (
     action_to_velocity_mps,
     bearing_to_target_rad,

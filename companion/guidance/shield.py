@@ -16,9 +16,9 @@ that needs longer to stop than the margin pays for starts to stop earlier. Betwe
 than two margins it keeps to the middle.
 
 The check is exact, not sampled: under the model a stop is a straight line, and obstacles, ground
-and the faces of the box are convex bodies grown by the margin (``hazards``, ``braking``). It reads
-no clock, draws no random number and remembers nothing but the map; what it should know of the past
-is in the drift that it is told.
+and the faces of the box are convex bodies grown by the margin (``hazards``, ``braking``);
+``nearest_safe`` searches what flies instead. It reads no clock, draws no random number and
+remembers nothing but the map; what it should know of the past is in the drift that it is told.
 
 ========================  ==========================================================================
 It assumes                What that means
@@ -54,20 +54,19 @@ narrow streets            none narrower than two margins is entered; who is insi
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 import numpy.typing as npt
 
-from companion.arrays import BoolArray, FloatArray
+from companion.arrays import FloatArray
 from companion.guidance.braking import Braking
-from companion.guidance.candidates import fan, nearest_first, within_walls
-from companion.guidance.demands import Demands, demands
 from companion.guidance.drift import CALM, Drift
 from companion.guidance.hazards import Hazards, HazardSquares, Kind
+from companion.guidance.nearest_safe import nearest_safe
 from companion.guidance.scene import Scene
+from companion.guidance.shield_limits import ShieldLimits
 from companion.world.maps import Map
 from companion.world.neighbourhood import Neighbourhood
 
@@ -76,10 +75,6 @@ _BLOCKED_SHARE = 0.1
 _CHANGED_MPS = 1e-6
 _BELIEVABLE = 1e5
 """No vehicle is farther from its map (m) than this, nor faster (m/s)."""
-_ALIKE_M = 0.05
-"""Where the margin is lost anyway: losses that differ by less count as equal."""
-_ALIKE_MPS = 0.05
-"""The same for speeds out of a margin."""
 _INSIDE_M = 0.05
 """So little inside a margin goes without saying: a vehicle that slides along it wavers."""
 _EMERGENCY_SHARE = 0.5
@@ -91,8 +86,6 @@ _GUSTY = 1.25
 """A vehicle is expected no faster than this times its speed limit; it may be."""
 _GUST_MPS = 1.0
 """No stronger gusts are expected; they may be."""
-_FIRST = 4
-"""Of the candidates, so many are looked at before all others."""
 _ZERO: FloatArray = np.zeros(3)
 
 
@@ -124,41 +117,6 @@ _REASONS = {
     Kind.GROUND: ShieldReason.GROUND,
     Kind.FENCE: ShieldReason.FENCE,
 }
-
-
-@dataclass(frozen=True, slots=True)
-class ShieldLimits:
-    """What the shield keeps, and what it believes of the vehicle."""
-
-    v_max_mps: float = 5.0
-    margin_m: float = 2.0
-    """From obstacles, and from the sides and the top of the box."""
-    min_height_m: float = 2.0
-    """Above the ground."""
-    climb_max_mps: float = 3.0
-    """PX4 MPC_Z_VEL_MAX_UP."""
-    descent_max_mps: float = 1.5
-    """PX4 MPC_Z_VEL_MAX_DN, ArduPilot WPNAV_SPEED_DN."""
-    lag_s: float = 0.8
-    """Time constant of the velocity loop; 0.58 s was measured on ArduCopter 4.6 and 0.76 s on PX4
-    1.18. Too large is safe, too small is not."""
-    brake_mps2: float = 1.6
-    """Deceleration seen when the stream of setpoints ends: 1.5 to 1.7 on both. Too small is
-    safe, too large is not."""
-    period_s: float = 0.05
-    """Of the control loop."""
-    reaction_s: float = 0.1
-    """From the setpoint on the wire to the first change of motion; two periods."""
-    restore_s: float = 0.6
-    """Inside the margin: time constant of the way out."""
-    restore_max_mps: float = 3.0
-    """Inside the margin: largest speed that the way out may demand."""
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} must be positive and finite, got {value}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +187,7 @@ class Shield:
         if position is None or velocity_now is None or not _believable(position, velocity_now):
             return ShieldDecision(np.zeros(3), True, ShieldReason.STATE_INVALID, float("nan"))
         given = _three(velocity_enu_mps)
-        proposal = np.zeros(3) if given is None else self._slowed(given)
+        proposal = np.zeros(3) if given is None else self.limits.slowed(given)
         obstacles = self._surroundings.around(position).obstacles
         obstacle_m = float(obstacles.signed_distance_m(position))
         clearance_m = min(obstacle_m, float(position[2]))
@@ -244,34 +202,6 @@ class Shield:
         if reason is ShieldReason.CLEAR and changed:
             reason = ShieldReason.LIMITED
         return ShieldDecision(chosen, changed, reason, clearance_m)
-
-    def _slowed(self, velocity_mps: FloatArray) -> FloatArray:
-        """Return a velocity within the speed limits, ``(3,)``: shortened, not turned."""
-        limits = self.limits
-        east_mps, north_mps, up_mps = velocity_mps.tolist()
-        # Scaled first: the length of a huge but finite vector is not finite.
-        largest = max(abs(east_mps), abs(north_mps), abs(up_mps), 1.0)
-        length = math.hypot(east_mps / largest, north_mps / largest, up_mps / largest)
-        excess = max(
-            length * (largest / limits.v_max_mps),
-            up_mps / limits.climb_max_mps,
-            -up_mps / limits.descent_max_mps,
-        )
-        return velocity_mps if excess <= 1.0 else velocity_mps / excess
-
-    def _limited(self, velocity_mps: FloatArray, drift: Drift) -> FloatArray:
-        """Return velocities over ground, ``(K, 3)``, whose commands keep the speed limits.
-
-        A command is what is left without the drift; it is shortened, not turned.
-        """
-        limits = self.limits
-        velocity_mps = velocity_mps - drift.velocity_enu_mps
-        excess = np.sqrt(np.einsum("ki,ki->k", velocity_mps, velocity_mps)) / limits.v_max_mps
-        up_mps = velocity_mps[:, 2]
-        excess = np.maximum(excess, up_mps / limits.climb_max_mps)
-        excess = np.maximum(excess, up_mps / -limits.descent_max_mps)
-        velocity_mps = velocity_mps / np.maximum(excess, 1.0)[:, None]
-        return np.asarray(velocity_mps + drift.velocity_enu_mps)
 
     def _safest(
         self,
@@ -300,66 +230,12 @@ class Shield:
         if lost_m.max() > _EMERGENCY_SHARE * self.limits.margin_m:
             out = scene.nearest_normal()[lost_m.argmax()]
             wish = _mostly_out(proposal, out) + drift_mps
-            chosen = self._nearest_safe(wish, scene, lost_m)
+            chosen = nearest_safe(wish, scene, lost_m, self.limits)
             return chosen - drift_mps, ShieldReason.EMERGENCY
-        chosen = self._nearest_safe(wish, scene, lost_m)
+        chosen = nearest_safe(wish, scene, lost_m, self.limits)
         if chosen @ chosen < _BLOCKED_SHARE**2 * (proposal @ proposal):
             return chosen - drift_mps, ShieldReason.BLOCKED
         return chosen - drift_mps, _reason(scene, entered)
-
-    def _nearest_safe(self, wish: FloatArray, scene: Scene, lost_m: FloatArray) -> FloatArray:
-        """Return the velocity over ground nearest to a wish that passes, or else the least bad.
-
-        Args:
-            wish: Over ground. Does not pass itself, or may not.
-            scene: What is near.
-            lost_m: How much of each margin is lost even if the vehicle brakes now, ``(B,)``.
-        """
-        normal = scene.nearest_normal()
-        asked = demands(scene, lost_m, self._out_mps(scene, lost_m), alike_m=_ALIKE_M)
-        missed: list[tuple[FloatArray, FloatArray, BoolArray]] = []
-        for candidates in self._candidates(wish, scene, asked):
-            stops = scene.stops(candidates)
-            missing_mps = np.where(asked.lost, asked.out_mps - candidates @ normal.T, 0.0).max(
-                axis=1
-            )
-            safe: BoolArray = np.logical_not(stops.entered(asked.bearable_m).any(axis=1))
-            leads = safe & (missing_mps < _ALIKE_MPS)
-            if leads.any():
-                return np.asarray(candidates[leads.argmax()])
-            missed.append((candidates, missing_mps, safe))
-
-        candidates, missing_mps, safe = map(np.concatenate, zip(*missed, strict=True))
-        if safe.any():
-            # Between two walls: what gives way to both of them alike.
-            candidates, missing_mps = candidates[safe], missing_mps[safe]
-            gives = missing_mps < missing_mps.min() + _ALIKE_MPS
-            return np.asarray(nearest_first(candidates[gives], wish)[0])
-        least_m = scene.stops(candidates).least_slack_m().min(axis=1)
-        least_bad = least_m > least_m.max() - _ALIKE_M
-        return np.asarray(nearest_first(candidates[least_bad], wish)[0])
-
-    def _candidates(self, wish: FloatArray, scene: Scene, asked: Demands) -> Iterator[FloatArray]:
-        """Return candidates, ``(K, 3)`` at a time, each time the nearest to the wish first."""
-        exact = self._limited(self._within_walls(wish, scene, asked), scene.drift)
-        exact = nearest_first(exact, wish)
-        yield exact[:_FIRST]
-        if len(exact) > _FIRST:
-            yield exact[_FIRST:]
-        # Coarse and dear: only where no walls without end can be kept.
-        coarse = self._limited(fan(wish, self.limits.restore_max_mps), scene.drift)
-        yield nearest_first(coarse, wish)
-
-    def _within_walls(self, wish: FloatArray, scene: Scene, asked: Demands) -> FloatArray:
-        """Return a wish and what is nearest to it with regard to all walls, ``(n, 3)``."""
-        fastest_mps = float(asked.out_mps.max())
-        wishes = wish[None]
-        if fastest_mps > 0.0:
-            # The way out comes first: what it leaves of the speed limit is for the rest.
-            share = math.sqrt(max(0.0, 1.0 - (fastest_mps / self.limits.v_max_mps) ** 2))
-            wishes = np.array([[1.0], [share], [0.5 * share], [0.0]]) * wish
-        found = within_walls(wishes, *scene.walls(wish, asked.out_mps, asked.lost))
-        return np.concatenate((wish[None], found))
 
     def _scene(
         self, wish: FloatArray, position: FloatArray, velocity_now: FloatArray, drift: Drift
@@ -383,21 +259,12 @@ class Shield:
             self.braking.stopping_distance_m(np.array(fastest_mps), gust_mps)
         )
 
-    def _out_mps(self, scene: Scene, lost_m: FloatArray) -> FloatArray:
-        """Return the speed over ground with which to leave each margin that is lost, ``(B,)``."""
-        if lost_m.max() == 0.0:
-            return lost_m
-        normal = scene.nearest_normal()
-        wanted_mps = np.minimum(lost_m / self.limits.restore_s, self.limits.restore_max_mps)
-        possible = self._limited(normal * wanted_mps[:, None], scene.drift)
-        return np.asarray(np.einsum("bi,bi->b", possible, normal))
-
     def _way_out(self, position: FloatArray) -> FloatArray:
         """Return the velocity to the nearest surface of the obstacle the vehicle is inside of."""
         obstacles = self._surroundings.around(position).obstacles
         way_m = obstacles.nearest_surface(position) - position
         way_m = way_m / max(float(np.sqrt(way_m @ way_m)), 1e-9)
-        return self._slowed(way_m * self.limits.restore_max_mps)
+        return self.limits.slowed(way_m * self.limits.restore_max_mps)
 
 
 def _three(values: npt.ArrayLike) -> FloatArray | None:

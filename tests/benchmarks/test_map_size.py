@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from companion.guidance.guide import Guide
-from companion.guidance.shield import Shield, ShieldLimits
+from companion.guidance.shield import Shield
+from companion.guidance.shield_limits import ShieldLimits
 from companion.policy.observation import WAYS, build_observation
 from companion.world.maps import build_map
 from companion.world.neighbourhood import Neighbourhood

@@ -5,7 +5,8 @@ import pytest
 
 from companion.guidance.braking import Braking
 from companion.guidance.drift import CALM, Drift, DriftObserver
-from companion.guidance.shield import Shield, ShieldLimits, ShieldReason
+from companion.guidance.shield import Shield, ShieldReason
+from companion.guidance.shield_limits import ShieldLimits
 from companion.world.maps import build_map
 
 BLOCK = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])

@@ -10,7 +10,8 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.control import Flight, Mission
-from companion.guidance.shield import Shield, ShieldLimits
+from companion.guidance.shield import Shield
+from companion.guidance.shield_limits import ShieldLimits
 from companion.guidance.situation import Plan
 from companion.launch import THINK_AHEAD_S
 from companion.link.messages import velocity_of

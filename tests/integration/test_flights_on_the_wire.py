@@ -5,7 +5,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.control import Flight, Mission
-from companion.guidance.shield import Shield, ShieldLimits
+from companion.guidance.shield import Shield
+from companion.guidance.shield_limits import ShieldLimits
 from companion.guidance.situation import Plan
 from companion.link.autopilots import Px4
 from companion.link.messages import velocity_of

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from companion.control import Flight, Mission
-from companion.guidance.shield import Shield, ShieldLimits
+from companion.guidance.shield import Shield
+from companion.guidance.shield_limits import ShieldLimits
 from companion.guidance.situation import Plan
 from companion.policy.actor import Actor
 from companion.positions import TargetSource

@@ -6,7 +6,8 @@ import pytest
 from companion.guidance.drift import DriftObserver
 from companion.guidance.guidance import propose
 from companion.guidance.guide import Guide
-from companion.guidance.shield import Shield, ShieldLimits
+from companion.guidance.shield import Shield
+from companion.guidance.shield_limits import ShieldLimits
 from companion.policy.action import TARGET_SCALING
 from companion.policy.actor import Actor
 from companion.policy.observation import RELATIVE

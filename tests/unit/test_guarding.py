@@ -5,7 +5,8 @@ import pytest
 
 from companion.guarding import Guard
 from companion.guidance.drift import CALM, Drift
-from companion.guidance.shield import Shield, ShieldLimits
+from companion.guidance.shield import Shield
+from companion.guidance.shield_limits import ShieldLimits
 from companion.positions import Pose
 from companion.world.maps import load_map
 

@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.guidance.lag_meter import LAGS_S, LagMeter
-from companion.guidance.shield import ShieldLimits
+from companion.guidance.shield_limits import ShieldLimits
 from companion.link.boot_clock import BootClock
 from sim.dynamics import Disturbance, VelocityLag, follow_velocity
 from tests.conftest import DATA, read_tlog

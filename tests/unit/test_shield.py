@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.guidance.shield import Shield, ShieldDecision, ShieldLimits, ShieldReason
+from companion.guidance.shield import Shield, ShieldDecision, ShieldReason
+from companion.guidance.shield_limits import ShieldLimits
 from companion.world.maps import build_map
 from sim.dynamics import VelocityLag, follow_velocity
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from companion.guidance.braking import Braking
 from companion.guidance.drift import CALM, Drift, DriftObserver
-from companion.guidance.shield import Shield, ShieldLimits, ShieldReason
+from companion.guidance.shield import Shield, ShieldReason
+from companion.guidance.shield_limits import ShieldLimits
 from companion.world.maps import build_map
 from sim.dynamics import VelocityLag, follow_velocity
 

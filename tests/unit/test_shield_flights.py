@@ -18,7 +18,8 @@ from companion.arrays import FloatArray
 from companion.guidance.drift import CALM, DriftObserver
 from companion.guidance.guidance import straight_at_target_mps
 from companion.guidance.limits import POSITION_STALE_SOFT_S
-from companion.guidance.shield import Shield, ShieldLimits, ShieldReason
+from companion.guidance.shield import Shield, ShieldReason
+from companion.guidance.shield_limits import ShieldLimits
 from companion.world.maps import Map, build_map, load_map
 from sim.dynamics import Disturbance, VelocityLag, follow_velocity
 

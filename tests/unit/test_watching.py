@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from companion.guidance.guidance import Proposal
-from companion.guidance.shield import Shield, ShieldLimits
+from companion.guidance.shield import Shield
+from companion.guidance.shield_limits import ShieldLimits
 from companion.policy.actor import Actor
 from companion.positions import Pose
 from companion.vehicle import FlightMode, Severity
