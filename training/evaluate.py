@@ -61,6 +61,7 @@ class Evaluation(msgspec.Struct, frozen=True):
     inside one. ``None`` on a map without obstacles, or where it was not measured."""
     shield_interventions: int
     seconds: float
+    """What it took, in all processes together."""
     out_of_reach: int | None = None
     """Cases that nothing could complete, as there is no way that keeps the shield's margin
     (``training.reach``): failures like the others. ``None`` without a shield."""
