@@ -21,18 +21,17 @@ from companion.guidance.shield import Shield, ShieldDecision
 from companion.guidance.situation import Directive, Outcome, Phase, Plan, Situation, Stream
 from companion.guidance.supervisor import Supervisor
 from companion.guidance.target import TargetEstimate, TargetTier
-from companion.metrics import Metrics
 from companion.policy.actor import Actor
 from companion.positions import Pose, Positions, TargetSource
 from companion.preflight import refusal, waiting_for
 from companion.proposing import Proposer
 from companion.recording import tick_record
-from companion.session.records import Mark, Record
+from companion.session.records import Record
 from companion.session.summary import Summary
+from companion.tally import Tally
 from companion.vehicle import (
     EventKind,
     FlightMode,
-    LandedState,
     RequestKind,
     Severity,
     Vehicle,
@@ -41,7 +40,6 @@ from companion.vehicle import (
 )
 from companion.watching import Watch
 from companion.world.maps import Map
-from companion.world.neighbourhood import Neighbourhood
 
 HEARTBEAT_PERIOD_S = 1.0
 MOVING_TARGET_MPS = 0.2
@@ -50,12 +48,6 @@ ON_TIME_S = 0.005
 """A tick no later than this decides for the moment it was due."""
 RATES_PERIOD_S = 1.0
 _ZERO = np.zeros(3)
-_OURS = (Phase.ENGAGED, Phase.HOLDING, Phase.HANDING_OVER)
-"""While the vehicle is ours to keep clear of things."""
-_OFF_THE_GROUND = (LandedState.TAKING_OFF, LandedState.IN_AIR, LandedState.LANDING)
-"""ArduPilot calls the whole climb a take-off: it is flown, too."""
-_MARKED = (Phase.ENGAGED, Phase.HANDING_OVER, Phase.STOOD_DOWN)
-"""What gets a label on the map."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,17 +100,15 @@ class Flight:
         self._positions = Positions(
             mission.map, mission.target, earth_radius_m=vehicle.info.earth_radius_m
         )
-        self._surroundings = Neighbourhood(mission.map)
         self._proposer = Proposer(mission.map, mission.actor, mission.v_max_mps)
         self._watch = Watch(
             shield, mission.actor.contract, mission.v_max_mps, start_s=self._start_s
         )
         self._supervisor = Supervisor(mission.plan, now_s=self._start_s)
-        self._metrics = Metrics(start_s=self._start_s, rate_hz=mission.rate_hz)
+        self._tally = Tally(mission.map, record, start_s=self._start_s, rate_hz=mission.rate_hz)
         self._policy_failures = 0
         self._heartbeat_due_s = self._start_s
         self._rates_due_s = self._start_s
-        self._marked: Phase | None = None
         self._announcer = Announcer(
             vehicle, record, start_s=self._session_start_s, silent=mission.plan.shadow
         )
@@ -145,7 +135,7 @@ class Flight:
                 return self.finish(directive.outcome, directive.code, directive.reason)
             # Absolute deadlines: a late tick is counted and skipped, never made up for.
             due = math.ceil((self._vehicle.now_s() - self._start_s) / period_s - 1e-6)
-            self._metrics.late_ticks += max(0, due - tick - 1)
+            self._tally.metrics.late_ticks += max(0, due - tick - 1)
             tick = max(tick + 1, due)
 
     def abandon(self) -> None:
@@ -193,10 +183,10 @@ class Flight:
             # Reaction time: from the moment the position was there and the tick was due.
             asked_s = deadline_s if state is None else max(deadline_s, state.time_s)
             latency_ms = 1e3 * (sent_s - asked_s)
-            self._metrics.sent(sent_s, latency_ms)
+            self._tally.metrics.sent(sent_s, latency_ms)
         else:
-            self._metrics.withheld()
-        self._count(directive, situation, pose, decision)
+            self._tally.metrics.withheld()
+        self._tally.tick(directive, situation, pose, decision, self._watch.envelope)
         self._announcer.events(events)
         self._announcer.phase(directive, now_s)
         self._record(
@@ -315,37 +305,6 @@ class Flight:
         self._vehicle.send_velocity(tie.velocity_to_local(decision.velocity_enu_mps))
         return decision.velocity_enu_mps
 
-    def _count(
-        self,
-        directive: Directive,
-        situation: Situation,
-        pose: Pose | None,
-        decision: ShieldDecision | None,
-    ) -> None:
-        state = situation.vehicle
-        self._metrics.final_distance_m = situation.distance_m
-        if pose is not None and state is not None and state.landed in _OFF_THE_GROUND:
-            self._metrics.moved(pose.position_enu_m, pose.velocity_enu_mps)
-            if directive.phase in _OURS:
-                clearance_m = self._clearance_m(pose) if decision is None else decision.clearance_m
-                self._metrics.cleared(clearance_m, pose.position_enu_m)
-        if pose is not None and directive.phase is not self._marked:
-            self._marked = directive.phase
-            if directive.phase in _MARKED:
-                label = f"{directive.phase} [{directive.code}]"
-                self._record(Mark(label, pose.position_enu_m.tolist()))
-        self._metrics.shield_interventions += decision is not None and decision.intervened
-        slowed = decision is not None and self._watch.envelope.cap_mps is not None
-        self._metrics.setpoints_slowed += slowed
-        self._metrics.velocity_lag_s = self._watch.envelope.known_lag_s
-        self._metrics.takeovers += directive.phase is Phase.STOOD_DOWN
-
-    def _clearance_m(self, pose: Pose) -> float:
-        """Return the distance from the nearest obstacle or the ground, as the shield measures."""
-        obstacles = self._surroundings.around(pose.position_enu_m).obstacles
-        obstacle_m = float(obstacles.signed_distance_m(pose.position_enu_m))
-        return min(obstacle_m, float(pose.position_enu_m[2]))
-
     def _rates_hz(self, now_s: float) -> Mapping[str, float] | None:
         """Return the measured rates of the link, once a second."""
         if now_s < self._rates_due_s:
@@ -355,9 +314,7 @@ class Flight:
 
     def finish(self, outcome: Outcome, code: Reason, reason: str) -> Summary:
         """Return the summary of what was flown so far."""
-        if self._metrics.closest_enu_m is not None:
-            self._record(Mark("closest to an obstacle", self._metrics.closest_enu_m.tolist()))
-        return self._metrics.summary(
+        return self._tally.summary(
             outcome, code, reason, now_s=self._vehicle.now_s(), stats=self._vehicle.stats()
         )
 
