@@ -70,6 +70,8 @@ class Supervisor:
         self._doubt: tuple[Reason, str] | None = None
         self._trusted_s = now_s
         """When it was last known where the vehicle is."""
+        self._was_ours = False
+        """Whether the vehicle that is handed over was flown by us, not on its way up."""
         self._best_distance_m = float("inf")
         self._progress_s = now_s
 
@@ -358,6 +360,7 @@ class Supervisor:
     ) -> Directive:
         """Ask the vehicle for the state we leave it in; the stream goes on until it shows."""
         self._engagement.asked(ask, v)
+        self._was_ours = self._was_ours or self._phase in _FLYING
         self._enter(Phase.HANDING_OVER, code, words, s.now_s)
         return replace(self._directive(self._handover_stream(s, ask)), request=ask)
 
@@ -366,8 +369,8 @@ class Supervisor:
         if ask is RequestKind.DISARM:
             return self._engagement.idle_stream(s, self._phase)
         v = s.vehicle
-        obeys = v is not None and v.mode is FlightMode.EXTERNAL
-        return Stream.HOLD if obeys and self._doubt is None else Stream.ZERO
+        ours = self._was_ours and v is not None and v.mode is FlightMode.EXTERNAL
+        return Stream.HOLD if ours and self._doubt is None else Stream.ZERO
 
     def _stands_armed_by_us(self, v: VehicleState) -> bool:
         return self._engagement.has_armed and v.armed and v.landed is LandedState.ON_GROUND

@@ -8,6 +8,7 @@ from companion.guidance.situation import EXIT_CODES, Outcome, Phase, Plan, Strea
 from companion.guidance.target import TargetTier
 from companion.vehicle import (
     FlightMode,
+    LandedState,
     RequestKind,
     RequestState,
     RequestStatus,
@@ -173,6 +174,22 @@ def test_a_hand_over_goes_through_the_shield_while_the_vehicle_is_ours(vehicle, 
     assert bench.tick(stop_requested=True).stream is Stream.HOLD
     bench.set(**vehicle)
     assert bench.tick(**doubt).stream is Stream.ZERO
+
+
+def test_a_climb_of_ardupilot_that_is_stopped_is_not_led_away_from_the_ground():
+    """It climbs in GUIDED: the mode alone does not tell that we fly."""
+    bench = Bench(Plan(engage=True, arm=True, takeoff_m=20.0, stream_before_external=False))
+    for change in (
+        {"mode": FlightMode.EXTERNAL, "mode_name": "GUIDED"},
+        {"armed": True},
+        {"landed": LandedState.IN_AIR},
+    ):
+        bench.tick()
+        bench.answer()
+        bench.set(**change)
+    assert bench.tick(3, height_m=1.0).phase is Phase.TAKING_OFF
+    directive = bench.tick(stop_requested=True)
+    assert (directive.phase, directive.stream) == (Phase.HANDING_OVER, Stream.ZERO)
 
 
 def test_before_the_vehicle_is_ours_a_hand_over_streams_zero():
