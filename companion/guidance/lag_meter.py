@@ -19,7 +19,7 @@ from companion.arrays import FloatArray
 LAGS_S: FloatArray = np.geomspace(0.1, 4.0, 16)
 """Of the models; neighbours are 28 % apart."""
 ACCELERATIONS_MPS2 = (1.6, 2.5, 4.0)
-"""Of the models, each with every lag: ArduCopter's and PX4's as recorded, and that of training."""
+"""Of the models, each with every lag: ArduCopter's and PX4's as recorded, training's briskest."""
 _SLOW_S = np.repeat(LAGS_S, len(ACCELERATIONS_MPS2))[:, None]
 _MOST_MPS2 = np.tile(ACCELERATIONS_MPS2, len(LAGS_S))[:, None]
 _SLUGGISH = int(np.searchsorted(LAGS_S, 1.1)) * len(ACCELERATIONS_MPS2)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from companion.guidance.envelope import LONGEST_LAG_S, SLOWEST_MPS, Envelope, Pace
+from companion.guidance.lag_meter import Lag, LagMeter
 from companion.policy.action import TARGET_SCALING
 from companion.policy.contract import (
     Contract,
@@ -204,3 +205,14 @@ def test_how_quickly_is_given():
     assert eager.fly(1.0, gap_m=3.0) == pytest.approx(2.5, rel=0.02)
     patient = Loop(pace=Pace(enter_s=5.0))
     assert patient.fly(4.0, gap_m=3.0) is None
+
+
+@pytest.mark.parametrize(("seconds", "slowed"), [(1.5, False), (3.0, True)])
+def test_a_lag_that_is_beyond_its_bound_for_a_moment_slows_nobody(monkeypatch, seconds, slowed):
+    """As it is measured after a gust."""
+    loop = Loop()
+    loop.fly(10.0)
+    monkeypatch.setattr(LagMeter, "lag", lambda _: Lag(likely_s=1.6, least_s=1.3))
+    loop.fly(seconds)
+    monkeypatch.undo()
+    assert (loop.envelope.cap_mps is not None) == slowed
