@@ -163,7 +163,7 @@ def _judge(
     heard: _Heard,
 ) -> Inspection:
     info, stats, state = vehicle.info, vehicle.stats(), heard.state
-    failsafe = failsafe_of(info.autopilot, parameters)
+    failsafe = failsafe_of(info.autopilot, parameters, info.version)
     cap = failsafe.cap(config.v_max, config.margin, obey=False)
     residual_m = float(np.median(heard.residuals_m)) if heard.residuals_m else None
     rate_hz = stats.rates_hz.get(_POSITION, 0.0)

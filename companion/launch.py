@@ -68,9 +68,9 @@ def speed_cap(vehicle: MavlinkVehicle, config: RunConfig) -> SpeedCap:
     Raises:
         RefusedError: If no speed that is worth flying keeps blind travel within the margin.
     """
-    autopilot = vehicle.info.autopilot
-    parameters = vehicle.read_params(parameters_wanted(autopilot), PARAMETERS_TIMEOUT_S)
-    failsafe = failsafe_of(autopilot, parameters)
+    info = vehicle.info
+    parameters = vehicle.read_params(parameters_wanted(info.autopilot), PARAMETERS_TIMEOUT_S)
+    failsafe = failsafe_of(info.autopilot, parameters, info.version)
     cap = failsafe.cap(config.v_max, config.margin, obey=config.cap_by_failsafe)
     if cap.v_max_mps < V_MAX_LOW_MPS:
         raise RefusedError(f"{cap.words}; too slow to fly: raise --margin or shorten the time-out")

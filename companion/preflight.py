@@ -144,7 +144,10 @@ def unhealthy(state: VehicleState) -> list[str]:
     if state.system_status >= SystemStatus.CRITICAL:
         reasons.append(f"the autopilot is in a failsafe ({state.system_status.name})")
     elif not state.armed and not state.ready_to_arm:
-        reasons.append("the autopilot's own pre-arm checks do not pass")
+        words = "the autopilot's own pre-arm checks do not pass"
+        if state.mode_name == "OFFBOARD":  # PX4 is back in the mode in which it was flown and left
+            words += ": OFFBOARD wants a stream; select another mode, Hold for example"
+        reasons.append(words)
     if state.battery_fraction is not None and state.battery_fraction < BATTERY_ENGAGE:
         reasons.append(f"battery at {100 * state.battery_fraction:.0f} %")
     return reasons

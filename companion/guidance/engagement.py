@@ -111,8 +111,12 @@ class Engagement:
 
     def waiting_words(self, v: VehicleState) -> str:
         """Return what the pilot has to do next."""
+        if not v.armed and not self._plan.arm:
+            return "waiting: the pilot arms"
         if not v.armed:
-            return "waiting for ready-to-arm" if self._plan.arm else "waiting: the pilot arms"
+            stays = self._plan.stream_before_external and v.mode is FlightMode.EXTERNAL
+            advice = f": {v.mode_name} wants a stream, select Hold first" if stays else ""
+            return f"waiting for ready-to-arm{advice}"
         if not airborne(v):
             return "waiting: the pilot takes off"
         if v.mode is FlightMode.EXTERNAL:

@@ -9,6 +9,7 @@ setpoint on: 12.1 m from 3.07 m/s (ArduCopter 4.6.3), 4.8 m from 2.54 m/s (PX4 1
 """
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ BRAKE_SEEN_MPS2 = 1.6
 """Braking seen at the end of a stream, 1.5 to 1.7 on both; a lower limit of the vehicle wins."""
 
 Number = int | float
+_Version = tuple[int | float, ...]
 
 PX4_DEFAULTS: Mapping[str, Number] = {
     "COM_OF_LOSS_T": 1.0,
@@ -49,10 +51,14 @@ _ARDUPILOT_MIN_TIMEOUT_S = 0.1
 
 _GIVES_STICKS = {0: "Position", 1: "Altitude", 2: "Stabilized"}
 _NO_STICKS = 4  # COM_RC_IN_MODE: stick input disabled
+_PX4_LOOKS_FOR_STICKS = (1, 18)
+"""Older ones enter the mode of COM_OBL_RC_ACT even where no transmitter is (their #27408): Position
+mode finds no sticks and comes down, as flown on 1.16.0; 1.18 does what NAV_RCL_ACT says."""
 _EXCEPT_OFFBOARD = 1 << 2
 _RETURN = "climbs to {height:g} m above home, flies back and lands"
 _LAND = "lands where it is"
 _HOLD = "holds where it is until somebody takes it"
+_COMES_DOWN = "comes down where it is and lands"
 _TERMINATE = "TERMINATES: the motors stop and it falls"
 _DISARM = "DISARMS: the motors stop and it falls"
 _PX4_OFFBOARD_LOSS = {3: _RETURN, 4: _LAND, 5: _HOLD, 6: _TERMINATE, 7: _DISARM}
@@ -156,37 +162,49 @@ def parameters_wanted(autopilot: str) -> tuple[str, ...]:
     return tuple(_FIRMWARES[autopilot][0])
 
 
-def failsafe_of(autopilot: str, parameters: Mapping[str, Number]) -> Failsafe:
+def failsafe_of(autopilot: str, parameters: Mapping[str, Number], version: str = "") -> Failsafe:
     """Return what the vehicle does without us.
 
     Args:
         autopilot: As in VehicleInfo: ``px4`` or ``ardupilot``.
         parameters: What the vehicle answered; whatever is missing, not finite or below zero is
             assumed to have its documented default.
+        version: As in VehicleInfo; one that is not known is taken for the newest.
     """
     defaults, explain = _FIRMWARES[autopilot]
     believed = {name: value for name, value in parameters.items() if _is_believable(value)}
     assumed = tuple(name for name in defaults if name not in believed)
-    return explain({**defaults, **believed}, assumed)
+    return explain({**defaults, **believed}, assumed, _numbers(version))
 
 
 def _is_believable(value: Number) -> bool:
     return math.isfinite(value) and value >= 0
 
 
-def _px4(parameters: Mapping[str, Number], assumed: tuple[str, ...]) -> Failsafe:
+def _numbers(version: str) -> _Version:
+    """Return ``1.16.0`` as numbers, an unknown version as later than any."""
+    numbers = tuple(int(part) for part in re.findall(r"\d+", version)[:3])
+    return numbers or (math.inf,)
+
+
+def _px4(parameters: Mapping[str, Number], assumed: tuple[str, ...], version: _Version) -> Failsafe:
     def word(table: Mapping[int, str], name: str) -> str:
         known = table.get(int(parameters[name]), f"does what {name} {parameters[name]} means")
         return known.format(height=parameters["RTL_RETURN_ALT"])
 
     without_pilot = word(_PX4_PILOT_LOSS, "NAV_RCL_ACT")
     sticks = _GIVES_STICKS.get(int(parameters["COM_OBL_RC_ACT"]))
+    alone = without_pilot
+    if version < _PX4_LOOKS_FOR_STICKS:
+        alone = _COMES_DOWN
+        if sticks == "Stabilized":
+            alone = "is in Stabilized mode with nobody at the sticks"
     if sticks is None:
         then = word(_PX4_OFFBOARD_LOSS, "COM_OBL_RC_ACT")
     elif int(parameters["COM_RC_IN_MODE"]) == _NO_STICKS:
-        then = without_pilot
+        then = alone
     else:
-        then = f"{without_pilot} (with a pilot's transmitter: {sticks} mode, the sticks fly)"
+        then = f"{alone} (with a pilot's transmitter: {sticks} mode, the sticks fly)"
     lost_pilot = f"it {without_pilot}"
     if int(parameters["COM_RCL_EXCEPT"]) & _EXCEPT_OFFBOARD:
         lost_pilot = "it flies on in OFFBOARD (COM_RCL_EXCEPT)"
@@ -204,7 +222,9 @@ def _px4(parameters: Mapping[str, Number], assumed: tuple[str, ...]) -> Failsafe
     )
 
 
-def _ardupilot(parameters: Mapping[str, Number], assumed: tuple[str, ...]) -> Failsafe:
+def _ardupilot(
+    parameters: Mapping[str, Number], assumed: tuple[str, ...], _version: _Version
+) -> Failsafe:
     gcs, fence = int(parameters["FS_GCS_ENABLE"]), int(parameters["FENCE_ACTION"])
     no_gcs = "nothing happens (FS_GCS_ENABLE 0)"
     if gcs:
@@ -233,7 +253,7 @@ def _brake_mps2(limit_mps2: float) -> float:
     return min(limit_mps2, BRAKE_SEEN_MPS2) or BRAKE_SEEN_MPS2
 
 
-_Explain = Callable[[Mapping[str, Number], tuple[str, ...]], Failsafe]
+_Explain = Callable[[Mapping[str, Number], tuple[str, ...], _Version], Failsafe]
 _FIRMWARES: Mapping[str, tuple[Mapping[str, Number], _Explain]] = {
     "px4": (PX4_DEFAULTS, _px4),
     "ardupilot": (ARDUPILOT_DEFAULTS, _ardupilot),

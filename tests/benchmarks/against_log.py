@@ -165,6 +165,12 @@ def main() -> None:
     logged = read(arguments.log)
 
     run_s = (float(said.track.time_s[0]), float(said.track.time_s[-1]))
+    log_s = (float(logged.track.time_s[0]), float(logged.track.time_s[-1]))
+    if run_s[0] < log_s[0] - STILL_S or run_s[1] > log_s[1] + STILL_S:
+        sys.exit(
+            f"the log is of another flight: {log_s[0]:.0f} to {log_s[1]:.0f} s after boot, "
+            f"the session {run_s[0]:.0f} to {run_s[1]:.0f} s"
+        )
     flown, seen = logged.track.between(*run_s), said.track
     apart_m = np.array([logged.track.at(t) for t in seen.time_s]) - seen.position_ned_m
     print(f"{arguments.session.name}: {summary['outcome']}, {summary['reason']}")

@@ -258,10 +258,17 @@ class RealWire(threading.Thread):
         if self.armed:
             self.set_mode("land")
             self.wait(lambda: not self.armed, 90.0, "it did not land")
+        self._leave_external()
+
+    def _leave_external(self):
+        """PX4 on the ground is back in OFFBOARD if it was flown there: not to be armed in."""
+        if self.autopilot == dialect.MAV_AUTOPILOT_PX4 and not self.armed:
+            assert self.set_mode("hold") == 0
 
     def listen(self):
         """Ask for what this wire looks at, and wait until the autopilot may be armed."""
         self.wait(lambda: self.system_id is not None, 20.0, "no autopilot is heard")
+        self._leave_external()
         for number, rate_hz in ((32, 20), (33, 4), (1, 2), (245, 4), (85, 10)):
             self.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate_hz)
 

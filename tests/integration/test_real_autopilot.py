@@ -275,7 +275,7 @@ def test_killed_the_vehicle_does_what_preflight_said(wire, fly):
     started.process.wait()
     blind = _left_alone(wire)
     parameters, speed_mps = said["parameters"], blind["speed_mps"]
-    failsafe = failsafe_of("px4" if "COM_OF_LOSS_T" in parameters else "ardupilot", parameters)
+    failsafe = failsafe_of(said["autopilot"], parameters, said["version"])
     slower_s = REACTION_S + SLOWER * speed_mps / failsafe.brake_mps2
     assert blind["slower_s"] == pytest.approx(failsafe.loss_s + slower_s, abs=0.5)
     predicted_m = failsafe.blind_travel_m(speed_mps)

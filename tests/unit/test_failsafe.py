@@ -44,6 +44,21 @@ def test_each_action_of_px4_in_words(parameters, words):
     assert words in failsafe_of("px4", parameters).sentence
 
 
+@pytest.mark.parametrize(
+    ("version", "parameters", "words"),
+    [
+        ("1.16.0", {}, "then comes down where it is and lands (with a pilot's transmitter: Pos"),
+        ("1.16.0", NO_TRANSMITTER, "then comes down where it is and lands"),
+        ("1.17.1", {"COM_OBL_RC_ACT": 2}, "with nobody at the sticks"),
+        ("1.17.1", {"COM_OBL_RC_ACT": 3}, "then climbs to 60 m"),
+        ("1.18.0 beta", {}, "then climbs to 60 m"),
+        ("", {}, "then climbs to 60 m"),
+    ],
+)
+def test_px4_before_1_18_does_not_look_for_a_transmitter(version, parameters, words):
+    assert words in failsafe_of("px4", parameters, version).sentence
+
+
 def test_a_lost_transmitter_may_be_excepted_in_offboard():
     assert "climbs" in failsafe_of("px4", {"COM_RCL_EXCEPT": 3}).notes[0]
     assert "flies on in OFFBOARD" in failsafe_of("px4", {"COM_RCL_EXCEPT": 4}).notes[0]

@@ -36,6 +36,13 @@ def state(**changes):
         ({"battery_fraction": 0.25}, []),
         ({"battery_fraction": 0.24}, ["battery at 24 %"]),
         ({"ready_to_arm": False}, ["the autopilot's own pre-arm checks do not pass"]),
+        (
+            {"ready_to_arm": False, "mode_name": "OFFBOARD"},
+            [
+                "the autopilot's own pre-arm checks do not pass: OFFBOARD wants a stream; select "
+                "another mode, Hold for example"
+            ],
+        ),
         ({"ready_to_arm": False, "armed": True}, []),
         (
             {"system_status": SystemStatus.CRITICAL, "ready_to_arm": False},

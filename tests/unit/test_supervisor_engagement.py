@@ -37,6 +37,17 @@ def test_a_vehicle_found_in_external_mode_waits_for_the_pilot_to_select_it_again
     assert bench.tick().phase is Phase.ENGAGED
 
 
+def test_px4_left_in_offboard_on_the_ground_cannot_be_armed_and_says_what_to_do():
+    """PX4 1.16 goes back to OFFBOARD when it has landed from a flight whose companion died."""
+    bench = Bench(Plan(arm=True, takeoff_m=10.0, engage=True))
+    bench.set(mode=FlightMode.EXTERNAL, system_status=SystemStatus.UNINIT, ready_to_arm=False)
+    directive = bench.tick(5)
+    assert (
+        directive.reason == "waiting for ready-to-arm: OFFBOARD wants a stream, select Hold first"
+    )
+    assert (directive.stream, bench.asked) == (Stream.NOTHING, [])
+
+
 def test_px4_gets_an_idle_stream_but_never_in_a_failsafe():
     bench = Bench().in_the_air()
     assert bench.tick(3).stream is Stream.ZERO
