@@ -23,8 +23,9 @@ from companion.world.maps import Map, load_map
 
 CONNECT_TIMEOUT_S = 10.0
 PARAMETERS_TIMEOUT_S = 1.5
-THINK_AHEAD_S = 0.004
-"""Ten times what the policy takes on a cold cache; positions come every 20 to 100 ms."""
+THINK_AHEAD_S = 0.002
+"""Twice what policy and shield take on a cold cache. Whatever comes later than that, of positions
+every 20 to 100 ms, is asked about again when the tick is due: so no sooner than needed."""
 _ON_EXIT = {
     "hold": RequestKind.HOLD,
     "land": RequestKind.LAND,

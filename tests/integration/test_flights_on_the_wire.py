@@ -144,6 +144,7 @@ def test_a_target_by_mavlink_is_flown_to_only_if_it_was_accepted(actor, enu_m, r
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800.0)
 @pytest.mark.parametrize("autopilot", BOTH)
 def test_takeover_at_any_moment_on_the_wire(actor, autopilot):
     """Two hundred moments of a whole flight, each mode a pilot may choose."""
