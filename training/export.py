@@ -99,7 +99,8 @@ def git_revision() -> str:
     Returns ``unknown`` outside a checkout.
     """
     root = Path(__file__).parents[1]
-    sources = ["companion/policy", "companion/world", "sim", ":!sim/mock", "training", "maps"]
+    sources = ["companion/policy", "companion/world", "sim", "training", "maps"]
+    sources += [":!sim/mock", ":!training/report"]
     try:
         head = _git(root, "rev-parse", "--short=12", "HEAD")
         changes = _git(root, "status", "--porcelain", "--untracked-files=no", "--", *sources)
