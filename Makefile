@@ -2,12 +2,13 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help demo test lint types imports pytest test-slow bench install clean
+.PHONY: help demo test lint types imports pytest test-slow test-real bench install clean
 
 help:
 	@echo "make demo       install, then watch a trained actor fly the mock vehicle"
 	@echo "make test       install, then lint, types, import borders and tests"
 	@echo "make test-slow  the suites that take minutes"
+	@echo "make test-real COMPANION_TEST_CONNECT=URL  missions on an autopilot or simulator of yours"
 	@echo "make bench      measure; the results so far are in tests/benchmarks/RESULTS.md"
 
 .venv/pip.stamp:
@@ -52,6 +53,12 @@ pytest: .venv/dev.stamp
 
 test-slow: .venv/dev.stamp
 	$(BIN)/python -m pytest -m slow --timeout=3600
+
+# Arms and flies what is at COMPANION_TEST_CONNECT, and prints what it measured.
+test-real: .venv/dev.stamp
+	@test -n "$(COMPANION_TEST_CONNECT)" || { echo "COMPANION_TEST_CONNECT=URL is missing"; exit 2; }
+	COMPANION_TEST_CONNECT=$(COMPANION_TEST_CONNECT) $(BIN)/python -m pytest -rP -k real \
+	    tests/integration/test_real_autopilot.py tests/integration/test_vehicle_contract.py
 
 bench: .venv/dev.stamp
 	$(BIN)/python -m pytest tests/benchmarks -o addopts=--import-mode=importlib --benchmark-only \

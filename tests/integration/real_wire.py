@@ -25,6 +25,14 @@ PILOT = (255, 190)
 VEHICLE_COMPONENT = 1
 LOOPBACK = "127.0.0.1"
 SETPOINTS = ("SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT")
+LOOKED_AT = {
+    getattr(dialect, f"MAVLINK_MSG_ID_{name}")
+    for name in (
+        "HEARTBEAT", "SYS_STATUS", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "COMMAND_ACK",
+        "COMMAND_LONG", "PARAM_REQUEST_READ", "TIMESYNC", *SETPOINTS,
+    )
+}  # fmt: skip
+"""Only these are decoded: PX4 sends 420 messages a second. All of them are passed on."""
 MODES = {
     dialect.MAV_AUTOPILOT_PX4: {"external": (6, 0), "hold": (4, 3), "land": (4, 6)},
     dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: {"external": (4, 0), "hold": (17, 0), "land": (9, 0)},
@@ -57,7 +65,7 @@ class RealWire(threading.Thread):
         self._back = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._back.bind((LOOPBACK, 0))
         self._companion = None
-        self._readers = [_reader(), _reader()]
+        self._frames = [_Frames(), _Frames()]
         self.cut = False
         """Whether nothing passes between autopilot and companion; the pilot's link stays."""
         self.of_vehicle = []
@@ -88,11 +96,10 @@ class RealWire(threading.Thread):
 
     def _take_from_companion(self):
         with contextlib.suppress(ConnectionError):
-            data = self._back.recv(65536)
-            for message in self._readers[1].parse_buffer(data) or []:
+            for frame in self._frames[1].take(self._back.recv(65536)):
                 if not self.cut:
-                    self.of_companion.append(Passed(time.monotonic(), message))
-                    self._transport.send(bytes(message.get_msgbuf()))
+                    self._transport.send(frame)
+                    self.of_companion.append(Passed(time.monotonic(), _decoded(frame)))
 
     def _take_from_vehicle(self):
         try:
@@ -102,21 +109,23 @@ class RealWire(threading.Thread):
             return
         for peer, data in chunks:
             self._transport.reply_to(peer)
-            for message in self._readers[0].parse_buffer(data) or []:
-                self._take(message)
+            frames = self._frames[0].take(data)
+            if self._companion is not None and not self.cut:
+                with contextlib.suppress(OSError):
+                    self._back.sendto(b"".join(frames), self._companion)
+            for frame in frames:
+                if frame[5] == PILOT[0] or frame[6] != VEHICLE_COMPONENT:
+                    continue
+                if int.from_bytes(frame[7:10], "little") in LOOKED_AT:
+                    with contextlib.suppress(dialect.MAVError):  # bad bytes at connecting
+                        self._take(_decoded(frame))
 
     def _take(self, message):
-        if message.get_type() == "BAD_DATA":
-            return
-        if message.get_srcComponent() == VEHICLE_COMPONENT and message.get_srcSystem() != PILOT[0]:
-            if message.get_type() == "HEARTBEAT" and self.system_id is None:
-                self.system_id, self.autopilot = message.get_srcSystem(), message.autopilot
-            passed = Passed(time.monotonic(), message)
-            self._newest[message.get_type()] = passed
-            self.of_vehicle.append(passed)
-        if self._companion is not None and not self.cut:
-            with contextlib.suppress(OSError):
-                self._back.sendto(bytes(message.get_msgbuf()), self._companion)
+        if message.get_type() == "HEARTBEAT" and self.system_id is None:
+            self.system_id, self.autopilot = message.get_srcSystem(), message.autopilot
+        passed = Passed(time.monotonic(), message)
+        self._newest[message.get_type()] = passed
+        self.of_vehicle.append(passed)
 
     def _reconnect(self):
         self._transport.close()
@@ -139,8 +148,13 @@ class RealWire(threading.Thread):
         return None if passed is None else passed.message
 
     def heard(self, name, since_s=0.0):
-        return [each for each in list(self.of_vehicle) if each.message.get_type() == name
-                and each.time_s >= since_s]  # fmt: skip
+        found = []
+        for each in reversed(list(self.of_vehicle)):
+            if each.time_s < since_s:
+                break
+            if each.message.get_type() == name:
+                found.append(each)
+        return found[::-1]
 
     def setpoints(self, since_s=0.0):
         """Return the companion's setpoints that passed."""
@@ -280,7 +294,24 @@ class RealWire(threading.Thread):
         self.wait(ready, 90.0, "the autopilot's pre-arm checks do not pass")
 
 
-def _reader():
-    reader = dialect.MAVLink(None)
-    reader.robust_parsing = True
-    return reader
+class _Frames:
+    """Cuts MAVLink 2 frames out of bytes; what is neither is skipped."""
+
+    def __init__(self):
+        self._rest = b""
+
+    def take(self, data):
+        frames, data = [], self._rest + data
+        while (at := data.find(0xFD)) >= 0:
+            data = data[at:]
+            signature = 13 if len(data) > 2 and data[2] & 1 else 0
+            if len(data) < 2 or len(data) < (size := 12 + data[1] + signature):
+                break
+            frames.append(data[:size])
+            data = data[size:]
+        self._rest = data if at >= 0 else b""
+        return frames
+
+
+def _decoded(frame):
+    return dialect.MAVLink(None).decode(bytearray(frame))

@@ -80,7 +80,7 @@ def test_a_flight(vehicle, name, backend):
     pilot.get_external()
 
     start_m = pilot.state.position_ned_m
-    pilot.fly(lambda: pilot.state.position_ned_m[0] > start_m[0] + 4.0, velocity=NORTH)
+    pilot.fly(lambda: pilot.state.position_ned_m[0] > start_m[0] + 10.0, velocity=NORTH)
     assert pilot.state.velocity_ned_mps[0] == pytest.approx(2.0, rel=0.25)
     assert pilot.state.position_ned_m[1] == pytest.approx(start_m[1], abs=1.0)
 
