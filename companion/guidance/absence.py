@@ -1,8 +1,9 @@
-"""When this program itself was away: swapped out, stopped, starved.
+"""When this program itself was away (swapped out, stopped, starved), or the link was.
 
-While it was away nothing was sent, and whoever has the vehicle now has it rightly. PX4 leaves
-OFFBOARD after a second without setpoints and would take it back by itself if the stream simply
-went on, even from a pilot: after a long absence there is silence until a HEARTBEAT tells.
+While it was away nothing was sent, or nothing arrived, and whoever has the vehicle now has it
+rightly. PX4 leaves OFFBOARD after a second without setpoints and would take it back by itself if
+the stream simply went on, even from a pilot: after a long absence there is silence until a
+HEARTBEAT tells.
 """
 
 from enum import Enum, auto
@@ -48,3 +49,16 @@ class Absence:
                 return Returning.LOST if waited_s > 2 * KNOWN_MODE_S else Returning.SILENT
             self._silent_since_s = None
         return Returning.LOOK if now_s < self._caught_up_s else Returning.GO_ON
+
+
+class Silence:
+    """Notices that nothing was heard of the vehicle for so long that others may have it."""
+
+    def __init__(self) -> None:
+        self._unheard_s: float | None = None
+
+    def mode_unknown(self, now_s: float, v: VehicleState) -> bool:
+        """Return whether no HEARTBEAT has told the mode since a silence; asked in every tick."""
+        if now_s - max(v.time_s, v.heartbeat_time_s) > STREAM_GAP_S:
+            self._unheard_s = now_s
+        return self._unheard_s is not None and v.heartbeat_time_s <= self._unheard_s

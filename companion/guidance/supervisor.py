@@ -12,7 +12,7 @@ way out: the program ends, and only an operator who starts it again engages it a
 
 from dataclasses import replace
 
-from companion.guidance.absence import Absence, Returning
+from companion.guidance.absence import Absence, Returning, Silence
 from companion.guidance.engagement import Engagement
 from companion.guidance.holding import battery_below, battery_words, position_doubt, why_hold
 from companion.guidance.limits import (
@@ -65,6 +65,7 @@ class Supervisor:
         self._pending_outcome = Outcome.FAILED
         self._engagement = Engagement(plan)
         self._absence = Absence(now_s)
+        self._silence = Silence()
         self._holding_since_s = now_s
         self._frame_settled_s = now_s
         self._doubt: tuple[Reason, str] | None = None
@@ -365,11 +366,16 @@ class Supervisor:
         return replace(self._directive(self._handover_stream(s, ask)), request=ask)
 
     def _handover_stream(self, s: Situation, ask: RequestKind | None) -> Stream:
-        """Stand still in the air; on the ground what the autopilot needs, if anything."""
+        """Stand still in the air; on the ground what the autopilot needs, if anything.
+
+        Nothing after a silence of the link, until it is known that no failsafe has the vehicle.
+        """
+        v = s.vehicle
         if ask is RequestKind.DISARM:
             return self._engagement.idle_stream(s, self._phase)
-        v = s.vehicle
-        ours = self._was_ours and v is not None and v.mode is FlightMode.EXTERNAL
+        if v is None or self._silence.mode_unknown(s.now_s, v):
+            return Stream.NOTHING
+        ours = self._was_ours and v.mode is FlightMode.EXTERNAL
         return Stream.HOLD if ours and self._doubt is None else Stream.ZERO
 
     def _stands_armed_by_us(self, v: VehicleState) -> bool:

@@ -28,6 +28,10 @@ from companion.vehicle import (
 TRIES = 3
 RETRY_S = 0.7
 """Acknowledgements were measured at 1 to 30 ms; this leaves room for a slow radio."""
+SILENCE_S = 0.8
+"""Where nothing was heard for longer, a failsafe or a pilot may have chosen a mode (PX4 leaves
+OFFBOARD after a second without setpoints): no mode is asked for again until a HEARTBEAT tells."""
+_LOOK_AGAIN_S = 0.05
 _ACK_WITHIN_S = 2.0
 """An answer later than this is not waited for any more; it was lost."""
 IN_PROGRESS_S = 3.0
@@ -137,7 +141,7 @@ class Request:
         """When ``advance`` has something to do; ``None`` once the request has ended."""
         return self._due_s
 
-    def advance(self, now_s: float) -> int | None:
+    def advance(self, now_s: float, *, mode_known: bool) -> int | None:
         """Let time pass; return the ``confirmation`` count if the command is to be sent now."""
         if self._due_s is None or now_s < self._due_s:
             return None
@@ -147,6 +151,9 @@ class Request:
             return None
         if self._tries == TRIES:
             self._end(RequestState.TIMED_OUT, f"no answer to {TRIES} tries", now_s)
+            return None
+        if self._plan.yields and not mode_known:
+            self._due_s = now_s + _LOOK_AGAIN_S
             return None
         self._due_s = now_s + RETRY_S
         self._tries += 1
@@ -229,6 +236,9 @@ class Requests:
         self._telemetry = telemetry
         self._request: Request | None = None
         self._without_request = RequestStatus()
+        self._heard_s = -math.inf
+        self._silent_s = -math.inf
+        """When the last silence was noticed, or ended."""
 
     @property
     def status(self) -> RequestStatus:
@@ -253,12 +263,18 @@ class Requests:
             self._without_request = RequestStatus(kind, RequestState.REJECTED, plan)
             return
         self._request = Request(kind, plan, self._telemetry, now_s, self._request)
+        self._heard_s, self._silent_s = now_s, -math.inf  # whoever asks has judged what is known
         self.advance(now_s)
 
     def advance(self, now_s: float) -> None:
         """Send what is due."""
         request = self._request
-        if request is not None and (confirmation := request.advance(now_s)) is not None:
+        if request is None:
+            return
+        self._note_silence(now_s)
+        told_s = self._telemetry.heartbeat_time_s
+        mode_known = told_s is None or told_s >= self._silent_s
+        if (confirmation := request.advance(now_s, mode_known=mode_known)) is not None:
             self._connection.send(command_long(self._system_id, request.command, confirmation))
 
     def hear_ack(self, message: Any, now_s: float) -> None:
@@ -273,6 +289,8 @@ class Requests:
 
     def hear_telemetry(self, events: Sequence[VehicleEvent], now_s: float) -> None:
         """Look at the state after a message of the vehicle, and at what it told."""
+        self._note_silence(now_s)
+        self._heard_s = max(self._heard_s, now_s)
         request = self._request
         if request is None:
             return
@@ -282,3 +300,7 @@ class Requests:
             elif event.severity <= Severity.WARNING:
                 request.hear_text(event.text, now_s)
         request.hear_state(now_s)
+
+    def _note_silence(self, now_s: float) -> None:
+        if now_s - self._heard_s > SILENCE_S:
+            self._silent_s = now_s

@@ -12,10 +12,18 @@ TAKEOFF = dialect.MAV_CMD_NAV_TAKEOFF
 ACCEPTED, TEMPORARILY_REJECTED, FAILED, IN_PROGRESS = 0, 1, 4, 5
 OFFBOARD = 0x00060000
 LOITER = 0x03040000
+RTL = 0x05040000
 
 
 def status(bench):
     return bench.vehicle.request_status()
+
+
+def talk(bench, duration_s):
+    """Let time pass while the vehicle beats twice a second, as ever in LOITER."""
+    for _ in range(round(2 * duration_s)):
+        bench.autopilot.heartbeat(LOITER)
+        bench.run(0.5)
 
 
 @pytest.fixture
@@ -82,7 +90,7 @@ def test_an_old_heartbeat_confirms_nothing(px4):
 def test_three_tries_and_then_silence(px4):
     px4.vehicle.request(RequestKind.LAND)
     start_s = px4.transport.now_s
-    px4.run(10.0)
+    talk(px4, 10.0)
     assert [message.confirmation for message in px4.commands(SET_MODE)] == [0, 1, 2]
     assert (status(px4).state, status(px4).detail) == (
         RequestState.TIMED_OUT,
@@ -189,7 +197,7 @@ def test_a_new_request_replaces_the_pending_one(px4):
     px4.vehicle.request(RequestKind.EXTERNAL)
     px4.run(0.1)
     px4.vehicle.request(RequestKind.HOLD)
-    px4.run(10.0)
+    talk(px4, 10.0)
     modes = [message.param2 for message in px4.commands(SET_MODE)]
     assert modes == [6, 4, 4, 4]
     assert status(px4).kind is RequestKind.HOLD
@@ -233,6 +241,35 @@ def test_a_pilot_who_chooses_a_mode_meanwhile_is_not_asked_again(px4, kind, acce
     assert status(px4).detail == "somebody else chose POSCTL"
     commands = px4.transport.sent_of("COMMAND_LONG")[sent:]
     assert not [message for message in commands if message.command in (SET_MODE, TAKEOFF)]
+
+
+def test_into_a_silence_nothing_is_asked_again_until_the_heartbeat_shows_the_same_mode(px4):
+    px4.vehicle.request(RequestKind.LAND)
+    px4.run(2.0)
+    assert len(px4.commands(SET_MODE)) == 2  # at once and after 0.7 s
+    px4.position()
+    px4.run(0.5)
+    assert len(px4.commands(SET_MODE)) == 2  # it is heard again, but not what mode it is in
+    px4.autopilot.heartbeat(LOITER)
+    px4.run(0.1)
+    assert len(px4.commands(SET_MODE)) == 3
+
+
+def test_a_failsafe_that_began_in_a_silence_is_not_taken_back(px4):
+    px4.vehicle.request(RequestKind.LAND)
+    px4.run(1.5)
+    px4.position()
+    px4.run(0.5)
+    px4.autopilot.heartbeat(RTL, armed=True, status=5)
+    px4.run(5.0)
+    assert len(px4.commands(SET_MODE)) == 2
+    assert status(px4).detail == "somebody else chose AUTO.RTL"
+
+
+def test_arming_is_no_matter_of_modes(px4):
+    px4.vehicle.request(RequestKind.ARM)
+    px4.run(5.0)
+    assert len(px4.commands(ARM)) == 3
 
 
 def test_a_reboot_ends_what_was_pending(px4):

@@ -85,6 +85,27 @@ def test_a_stale_position_stops_on_both_sides_of_each_border(age_s, phase):
     assert (directive.stream is Stream.POLICY) == (phase is Phase.ENGAGED)
 
 
+def test_after_a_silence_of_the_link_nothing_is_streamed_until_the_heartbeat_tells():
+    """PX4 comes back to OFFBOARD by itself when a stream does, even out of a failsafe."""
+    bench = Bench().engaged()
+    heard_s = bench.now_s
+    while bench.now_s < heard_s + rules.STREAM_GAP_S - TICK_S:
+        directive = bench.tick(alive=False)
+    assert (directive.phase, directive.stream) == (Phase.HANDING_OVER, Stream.ZERO)
+    assert bench.tick(3, alive=False).stream is Stream.NOTHING
+    bench.set(time_s=bench.now_s)  # positions come again; the HEARTBEAT is of before
+    assert bench.tick(alive=False).stream is Stream.NOTHING
+    bench.set(mode=FlightMode.RETURN)
+    directive = bench.tick()
+    assert (directive.outcome, directive.stream) == (Outcome.STOOD_DOWN, Stream.NOTHING)
+
+
+def test_after_a_silence_a_vehicle_that_still_obeys_is_handed_over():
+    bench = Bench().engaged()
+    bench.tick(20, alive=False)
+    assert bench.tick().stream is Stream.HOLD
+
+
 @pytest.mark.parametrize("tier", [TargetTier.HOLD, TargetTier.LOST, TargetTier.NONE])
 def test_a_silent_target_stops_the_vehicle_and_a_new_report_resumes(tier):
     bench = Bench().engaged()
