@@ -57,7 +57,7 @@ class ShieldLimits:
         return velocity_mps if excess <= 1.0 else velocity_mps / excess
 
     def slowed_over_ground(self, velocity_mps: FloatArray, drift: Drift) -> FloatArray:
-        """Return velocities over ground, ``(K, 3)``, whose commands keep the speed self.
+        """Return velocities over ground, ``(K, 3)``, whose commands keep the speed limits.
 
         A command is what is left without the drift; it is shortened, not turned.
         """
