@@ -1,5 +1,6 @@
 """Figures of one run, collected tick by tick in constant memory and summed up at the end."""
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -70,7 +71,8 @@ class Metrics:
         self._max_speed_mps: float | None = None
         self.final_distance_m: float | None = None
         self.late_ticks = 0
-        self.shield_interventions = 0
+        self.shield_reasons: Counter[str] = Counter()
+        """Interventions of the shield, by their reason."""
         self.setpoints_slowed = 0
         self.velocity_lag_s: float | None = None
         self.takeovers = 0
@@ -138,7 +140,8 @@ class Metrics:
             latency_histogram=self._latency.coarse(HISTOGRAM_EDGES_MS),
             jitter_histogram=self._jitter.coarse(HISTOGRAM_EDGES_MS),
             late_ticks=self.late_ticks,
-            shield_interventions=self.shield_interventions,
+            shield_interventions=self.shield_reasons.total(),
+            shield_reasons=dict(self.shield_reasons.most_common()),
             setpoints_slowed=self.setpoints_slowed,
             velocity_lag_s=_rounded(self.velocity_lag_s, 2),
             takeovers=self.takeovers,

@@ -5,6 +5,7 @@ the shield are asked what they would make of it. Where that would have led is fo
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import SupportsFloat
@@ -59,7 +60,7 @@ class Opinion:
         self._shield = flight_shield(session.config, session.map, self._v_max_mps)
         self.differences_mps: list[float] = []
         self.interventions_then = 0
-        self.interventions_now = 0
+        self.reasons_now: Counter[str] = Counter()
 
     def tick(self, tick: Tick) -> Tick:
         """Return the tick as it would have been."""
@@ -94,7 +95,8 @@ class Opinion:
             drift=Drift(drift_mps, tick.gust_mps),
         )
         self.interventions_then += tick.intervened
-        self.interventions_now += decision.intervened
+        if decision.intervened:
+            self.reasons_now[decision.reason.value] += 1
         if tick.safe_enu_mps is not None:
             self.differences_mps.append(math.dist(decision.velocity_enu_mps, tick.safe_enu_mps))
         return msgspec.structs.replace(
@@ -129,7 +131,8 @@ def second_opinion(session: RecordedSession, actor: Actor, parent: Path) -> Seco
         f"{session.actor.name} flew in {session.folder.name}",
         exit_code=0,
         session_dir=str(folder),
-        shield_interventions=opinion.interventions_now,
+        shield_interventions=opinion.reasons_now.total(),
+        shield_reasons=dict(opinion.reasons_now.most_common()),
     )
     start = msgspec.structs.replace(
         session.inputs.start,
@@ -149,7 +152,7 @@ def second_opinion(session: RecordedSession, actor: Actor, parent: Path) -> Seco
         mean_difference_mps=float(differences.mean()) if len(differences) else None,
         largest_difference_mps=float(differences.max()) if len(differences) else None,
         interventions_then=opinion.interventions_then,
-        interventions_now=opinion.interventions_now,
+        interventions_now=opinion.reasons_now.total(),
     )
 
 

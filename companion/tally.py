@@ -61,7 +61,8 @@ class Tally:
             if directive.phase in _MARKED:
                 label = f"{directive.phase} [{directive.code}]"
                 self._record(Mark(label, pose.position_enu_m.tolist()))
-        self.metrics.shield_interventions += decision is not None and decision.intervened
+        if decision is not None and decision.intervened:
+            self.metrics.shield_reasons[decision.reason.value] += 1
         slowed = decision is not None and envelope.cap_mps is not None
         self.metrics.setpoints_slowed += slowed
         self.metrics.velocity_lag_s = envelope.known_lag_s

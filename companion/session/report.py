@@ -30,7 +30,7 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         ("Smallest clearance", _text("{:.2f} m", summary.min_clearance_m)),
         ("Highest speed", _text("{:.2f} m/s", summary.max_speed_mps)),
         ("Speed cap", _text("{:.2f} m/s", summary.v_max_mps)),
-        ("Shield interventions", f"{summary.shield_interventions}"),
+        ("Shield interventions", _interventions(summary)),
         ("Setpoints slowed", f"{summary.setpoints_slowed}"),
         ("Velocity lag", _text("{:.2f} s", summary.velocity_lag_s)),
         ("Setpoints sent", f"{summary.setpoints_sent}"),
@@ -43,6 +43,11 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         ("Pilot take-overs", f"{summary.takeovers}"),
     ]
     return [(name, value) for name, value in rows if value]
+
+
+def _interventions(summary: Summary) -> str:
+    reasons = ", ".join(f"{reason} {count}" for reason, count in summary.shield_reasons.items())
+    return f"{summary.shield_interventions}" + (f": {reasons}" if reasons else "")
 
 
 def result_line(summary: Summary) -> str:

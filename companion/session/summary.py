@@ -41,6 +41,10 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     """Intervals by their deviation, the same bins."""
     late_ticks: int = 0
     shield_interventions: int = 0
+    """Ticks in which the shield changed the velocity."""
+    shield_reasons: dict[str, int] = {}
+    """The same by reason, the most frequent first. ``speed limit`` is the autopilot's own way with
+    a dive or a climb; the others are about the map."""
     setpoints_slowed: int = 0
     """Decided under a lowered speed cap, because something was not as in training."""
     velocity_lag_s: float | None = None

@@ -170,6 +170,7 @@ def test_straight_at_an_obstacle_never_touches_it(constant_actor):
     assert spy.contacts == 0
     assert summary.min_clearance_m > 1.0
     assert summary.shield_interventions > 0
+    assert sum(summary.shield_reasons.values()) == summary.shield_interventions
     assert any(record.shield_reason for record in records if isinstance(record, Tick))
 
 
