@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from companion.guidance.failsafe import REACTION_S, failsafe_of
 from tests.integration.real_wire import MODES, RealWire
-from tests.integration.running import COMPANION, Run, free_port
+from tests.integration.running import COMPANION, free_port
 
 REAL_URL = os.environ.get("COMPANION_TEST_CONNECT", "")
 pytestmark = [
@@ -56,24 +56,13 @@ def wire(site):
 
 
 @pytest.fixture
-def fly(wire, tmp_path):
-    runs = []
-
+def fly(wire, run):
     def start(*options):
         port = free_port()
         wire.lead_to(port)
-        connect = ("--connect", f"udp:127.0.0.1:{port}")
-        runs.append(Run(*connect, "--map", "free", *options, record=tmp_path / "sessions"))
-        return runs[-1]
+        return run("--connect", f"udp:127.0.0.1:{port}", "--map", "free", *options)
 
-    yield start
-    for started in runs:
-        if started.process.poll() is None:
-            started.process.kill()
-            started.process.wait()
-        started._reader.join(5.0)
-        started.process.stdout.close()
-        started.process.stderr.close()
+    return start
 
 
 def on_map(position_ned_m):
