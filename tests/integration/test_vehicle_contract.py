@@ -83,8 +83,9 @@ def test_a_flight(vehicle, name, backend):
     start_m = pilot.state.position_ned_m
     pilot.fly(lambda: pilot.state.position_ned_m[0] > start_m[0] + 10.0, velocity=NORTH)
     assert pilot.state.velocity_ned_mps[0] == pytest.approx(2.0, rel=0.25)
-    # Velocity alone lets PX4's simulator drift: 1.04 m on these 10.
-    assert pilot.state.position_ned_m[1] == pytest.approx(start_m[1], abs=1.5)
+    # Velocity alone lets PX4's own simulator drift: 1.04 m on these 10.
+    aside_m = 1.5 if name == "real" else 1.0
+    assert pilot.state.position_ned_m[1] == pytest.approx(start_m[1], abs=aside_m)
 
     assert pilot.ask(RequestKind.HOLD, velocity=HOLD_STILL) is RequestState.CONFIRMED
     pilot.fly(lambda: pilot.state.mode is FlightMode.HOLD)
@@ -97,8 +98,9 @@ def test_a_flight(vehicle, name, backend):
     }
     heartbeats = [message for message in said if message.get_type() == "HEARTBEAT"]
     assert {(message.type, message.autopilot) for message in heartbeats} == {(18, 8)}
-    # Who calls (TCP) speaks first, while it looks for the vehicle.
-    seen = {message.system_status for message in heartbeats} - {SystemStatus.BOOT}
+    seen = {message.system_status for message in heartbeats}
+    if name == "real":  # who calls it by TCP speaks first, while it looks for the vehicle
+        seen.discard(SystemStatus.BOOT)
     assert seen == {SystemStatus.ACTIVE}
     setpoints = [message for message in said if "SET_POSITION" in message.get_type()]
     assert len(setpoints) == pilot.vehicle.stats().setpoints_sent

@@ -204,3 +204,16 @@ def real_logs(tmp_path_factory):
     for packed in (Path(__file__).parents[1] / "data").glob("*.tlog.xz"):
         (folder / packed.stem).write_bytes(lzma.decompress(packed.read_bytes()))
     return folder
+
+
+@pytest.fixture
+def px4(bench):
+    bench.attach()
+    bench.flying()
+    return bench
+
+
+@pytest.fixture
+def ardupilot(bench):
+    bench.attach(autopilot=3)
+    return bench

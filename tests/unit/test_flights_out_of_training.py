@@ -80,7 +80,8 @@ def test_a_vehicle_like_those_of_training_flies_as_ever(lag):
     assert not any("training" in text for text in said)
     assert all(tick.speed_cap_mps is None for tick in ticks)
     # Of a sluggish vehicle a short flight does not tell whether it lags or just accelerates slowly.
-    assert summary.velocity_lag_s is None or 0.3 < summary.velocity_lag_s < 1.0
+    sluggish = lag.acceleration_max_mps2 < 4.0
+    assert (sluggish and summary.velocity_lag_s is None) or 0.3 < summary.velocity_lag_s < 1.0
     assert shield.limits.lag_s == ShieldLimits().lag_s
 
 
